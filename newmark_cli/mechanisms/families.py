@@ -175,25 +175,9 @@ def _hung_linked(hanging: _Hanging) -> Linked:
         anchors=np.zeros((links, 2)),
         squares=squares,
         masses=Masses(here, here, masses, np.stack([0.0 * masses, -masses], axis=1)),
-        points=Made(links, _mass_name),
-        links=Made(links, _bar_name),
+        points=Made(links, lambda place: f"P{place + 1}"),
+        links=Made(links, lambda place: ("bars", f"bar{place + 1}")),
     )
-
-
-def _mass_name(place: int) -> str:
-    return f"P{place + 1}"
-
-
-def _bar_name(place: int) -> tuple[str, str]:
-    return "bars", f"bar{place + 1}"
-
-
-def _chain_linked(links: int) -> Linked:
-    return _hung_linked(_straight(links))
-
-
-def _random_chain_linked(links: int) -> Linked:
-    return _hung_linked(_random(links))
 
 
 def four_bars(windows: int) -> dict[str, Any]:
@@ -252,13 +236,9 @@ def _four_bars_linked(windows: int) -> Linked:
             np.tile(values, links),
             np.tile(np.stack([0.0 * values, -9.81 * values], axis=1), (links, 1)),
         ),
-        points=Made(tops, _top_name),
+        points=Made(tops, "B{}".format),
         links=Made(links, _rod_name),
     )
-
-
-def _top_name(place: int) -> str:
-    return f"B{place}"
 
 
 def _rod_name(place: int) -> tuple[str, str]:
@@ -342,14 +322,14 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             ChainSize,
             "n = 2 links, m = links",
             chain,
-            _chain_linked,
+            lambda links: _hung_linked(_straight(links)),
         ),
         "random-chain": Family(
             "random point masses on massless bars in random directions, falling",
             ChainSize,
             "n = 2 links, m = links",
             random_chain,
-            _random_chain_linked,
+            lambda links: _hung_linked(_random(links)),
         ),
         "four-bars": Family(
             "four-bar linkages side by side, falling through a singular position",

@@ -57,12 +57,21 @@ class Traits:
         return self.sample.compiled
 
 
-def _traits(problem: Problem) -> Traits:
-    return Traits(problem.name, problem.n, problem.m, problem)
+class _Loaded(ABC):
+    """A problem that is built to know anything of it."""
+
+    @abstractmethod
+    def load(self) -> Problem:
+        """The problem."""
+
+    def traits(self) -> Traits:
+        """Of the problem; raises what `load` does."""
+        problem = self.load()
+        return Traits(problem.name, problem.n, problem.m, problem)
 
 
 @dataclass(frozen=True)
-class Shipped:
+class Shipped(_Loaded):
     """A mechanism that travels with the package."""
 
     name: str
@@ -72,18 +81,11 @@ class Shipped:
         """The name."""
         return self.name
 
-    @property
-    def given(self) -> str:
-        """The name."""
-        return self.name
+    given = label
 
     def load(self) -> Problem:
         """The problem; raises ProblemError when there is none of this name."""
         return registry.problem(self.name)
-
-    def traits(self) -> Traits:
-        """Of the problem; raises what `load` does."""
-        return _traits(self.load())
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def _sized(spec: Sized) -> Problem:
 
 
 @dataclass(frozen=True)
-class MechanismFile:
+class MechanismFile(_Loaded):
     """A mechanism in a YAML file of the user's: what the file said when it was read."""
 
     file: File
@@ -150,10 +152,6 @@ class MechanismFile:
         """The problem; raises DocumentError for a mistake in the file."""
         return _mechanism(self)
 
-    def traits(self) -> Traits:
-        """Of the problem; raises what `load` does."""
-        return _traits(self.load())
-
 
 @cache
 def _mechanism(spec: MechanismFile) -> Problem:
@@ -161,7 +159,7 @@ def _mechanism(spec: MechanismFile) -> Problem:
 
 
 @dataclass(frozen=True)
-class Code(ABC):
+class Code(_Loaded):
     """A problem that is user code: it runs only in separate processes.
 
     See `newmark_cli.support.apart`.
@@ -202,10 +200,6 @@ class Code(ABC):
         if apart.inside():
             return _run(self)
         return self.described or _described(self)
-
-    def traits(self) -> Traits:
-        """Of the problem; raises what `load` does."""
-        return _traits(self.load())
 
     def read(self) -> Self:
         """The same with the code that it has now, read once for all that comes.

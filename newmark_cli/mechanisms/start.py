@@ -226,12 +226,11 @@ def _independent(
     asked = getattr(builder.mechanism, "redundant", "refuse")
     named = _released_by_name(builder, asked)
     sizes = column_norms(gradient)
-    mistakes = documents.Mistakes()
-    for k in map(int, np.flatnonzero(sizes == 0)):
-        row = f"row {rows[k].name} " if rows[k].name else ""
-        message = f"{row}does not constrain the initial position"
-        mistakes.note(document.error(rows[k].path, message))
-    mistakes.refuse()
+    useless = [rows[k] for k in np.flatnonzero(sizes == 0)]
+    message = "does not constrain the initial position"
+    document.refuse(
+        (row.path, f"row {row.name} {message}" if row.name else message) for row in useless
+    )
     scaled = scipy.sparse.csc_array(gradient / sizes[None, :])
     null = _null_space(scaled, tolerance)
     rank = problem.m - null.shape[1]
@@ -284,20 +283,20 @@ def _released_by_name(builder: Builder, asked: Any) -> list[int]:
     """Rows that the file releases by name."""
     if isinstance(asked, str):
         return []
-    document, mistakes, released = builder.document, documents.Mistakes(), []
+    mistakes: list[tuple[KeyPath, str]] = []
+    released = []
     for joint, names in asked.items():
         path: KeyPath = ("redundant", joint)
         having = {row.name: k for k, row in enumerate(builder.rows) if row.owner == joint}
         if not having:
             hint = nearest(joint, builder.mechanism.joints)
-            mistakes.note(document.error(path, f"unknown joint {joint!r}{hint}"))
+            mistakes.append((path, f"unknown joint {joint!r}{hint}"))
         for i, name in enumerate(names):
             if having and name not in having:
-                message = f"{joint} has no row {name!r}{nearest(name, having)}"
-                mistakes.note(document.error((*path, i), message))
+                mistakes.append(((*path, i), f"{joint} has no row {name!r}{nearest(name, having)}"))
             elif having:
                 released.append(having[name])
-    mistakes.refuse()
+    builder.document.refuse(mistakes)
     return sorted(set(released))
 
 
@@ -400,10 +399,8 @@ def _require_inertia(builder: Builder, problem: Problem) -> None:
     """Whatever can move has inertia: M is positive on the kernel of Gᵀ."""
     gradient = gradient_of(problem, problem.u0)
     motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
-    mistakes = documents.Mistakes()
-    for path, message in builder.without_inertia(problem.u0, motions) if motions.size else ():
-        mistakes.note(builder.document.error(path, message))
-    mistakes.refuse()
+    if motions.size:
+        builder.document.refuse(builder.without_inertia(problem.u0, motions))
 
 
 def _require_regular(builder: Builder, problem: Problem) -> None:
@@ -453,18 +450,16 @@ def _velocities(
         # Rows of joints are places and angles themselves, not halves of squares of lengths.
         size = float(misfit[k] if rows[k].path[0] == "joints" else misfit[k] / sizes[k])
         missed[rows[k].path] = max(missed.get(rows[k].path, (0.0, "")), (size, rows[k].name))
-    mistakes = documents.Mistakes()
-    for path, (size, row) in missed.items():
-        which, rates = (
-            (f" (row {row})" if row else ""),
-            (", give 'rates' of joints," if spatial else ""),
+    rates = ", give 'rates' of joints," if spatial else ""
+    builder.document.refuse(
+        (
+            path,
+            f"initial velocities violate this constraint by {size:.3g} m/s"
+            f"{f' (row {row})' if row else ''}; correct them{rates} or set "
+            "'project_velocities: true'",
         )
-        message = (
-            f"initial velocities violate this constraint by {size:.3g} m/s{which}; correct "
-            f"them{rates} or set 'project_velocities: true'"
-        )
-        mistakes.note(builder.document.error(path, message))
-    mistakes.refuse()
+        for path, (size, row) in missed.items()
+    )
     return v
 
 

@@ -230,6 +230,13 @@ class Document:
         text = f"{where}: {key + ': ' if key else ''}{message}"
         return DocumentError(text, [Mistake(line, path, text)])
 
+    def refuse(self, mistakes: Iterable[tuple[KeyPath, str]]) -> None:
+        """Raise messages at their paths as one `DocumentError`; do nothing if there are none."""
+        gathered = Mistakes()
+        for path, message in mistakes:
+            gathered.note(self.error(path, message))
+        gathered.refuse()
+
     def line(self, path: KeyPath) -> int:
         """Line of ``path``, or of what encloses it."""
         while path and path not in self.lines:
