@@ -1,7 +1,8 @@
 """Scalings for notebooks: the factors of Table 2 as text and as numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import NoneType
 from typing import Any
 
 from newmark_cli.library import arguments
@@ -168,50 +169,6 @@ def preconditioning_of(given: Any, name: str) -> Preconditioning:
     return own
 
 
-def integrator_of(given: Any) -> Integrator:
-    """An integrator by its name and parameters, its dict, or itself."""
-    is_it = (
-        hasattr(given, "relations") and hasattr(given, "symbols") and not isinstance(given, type)
-    )
-    found: Integrator = given if is_it else _read("integrator", given, "IntegratorConfig")
-    return found
-
-
-def formulation_of(given: Any) -> Formulation:
-    """A formulation by its name and parameter, its dict, or itself."""
-    is_it = isinstance(given, Formulation)
-    found: Formulation = given if is_it else _read("formulation", given, "FormulationConfig")
-    return found
-
-
-def projection_of(given: Any) -> Projection:
-    """A projection by its name, its dict, or itself."""
-    is_it = isinstance(given, Projection)
-    found: Projection = given if is_it else _read("projection", given, "ProjectionConfig")
-    return found
-
-
-def tolerance_of(given: Any) -> Tolerance | None:
-    """A tolerance on Newton's correction by its dict, or itself."""
-    is_it = given is None or isinstance(given, Tolerance)
-    found: Tolerance | None = given if is_it else _read("stop", given, "StopConfig")
-    return found
-
-
-def sequence_of(given: Any) -> StepSequence:
-    """A sequence of step sizes by its label, its dict, or itself."""
-    is_it = hasattr(given, "factors")
-    found: StepSequence = given if is_it else _read("h_sequence", given, "SequenceConfig")
-    return found
-
-
-def krylov_of(given: Any) -> Krylov | None:
-    """When a Krylov solver stops, by its dict, or itself."""
-    is_it = given is None or isinstance(given, Krylov)
-    found: Krylov | None = given if is_it else _read("krylov", given, "KrylovConfig")
-    return found
-
-
 def _read(name: str, given: Any, model: str) -> Any:
     """The core's value of what a config may give; see `keys.read`."""
     if isinstance(given, str) and given in _USUAL:
@@ -224,6 +181,38 @@ def _read(name: str, given: Any, model: str) -> Any:
         if isinstance(given, Mapping) or (isinstance(given, str) and name == "integrator"):
             raise
         raise (FormulationError if isinstance(given, str) else ArgumentError)(str(error)) from None
+
+
+def _reader(name: str, model: str, is_it: Callable[[Any], bool]) -> Callable[[Any], Any]:
+    """What takes an argument as a config spells it, by a model of `keys`, or as the core does."""
+    return lambda given: given if is_it(given) else _read(name, given, model)
+
+
+def _is_integrator(given: Any) -> bool:
+    """Whether it is one of any class, as somebody may write one."""
+    return hasattr(given, "relations") and hasattr(given, "symbols") and not isinstance(given, type)
+
+
+def _of(*kinds: Any) -> Callable[[Any], bool]:
+    return lambda given: isinstance(given, kinds)
+
+
+integrator_of: Callable[[Any], Integrator] = _reader(
+    "integrator", "IntegratorConfig", _is_integrator
+)
+formulation_of: Callable[[Any], Formulation] = _reader(
+    "formulation", "FormulationConfig", _of(Formulation)
+)
+projection_of: Callable[[Any], Projection] = _reader(
+    "projection", "ProjectionConfig", _of(Projection)
+)
+tolerance_of: Callable[[Any], Tolerance | None] = _reader(
+    "stop", "StopConfig", _of(Tolerance, NoneType)
+)
+sequence_of: Callable[[Any], StepSequence] = _reader(
+    "h_sequence", "SequenceConfig", lambda given: hasattr(given, "factors")
+)
+krylov_of: Callable[[Any], Krylov | None] = _reader("krylov", "KrylovConfig", _of(Krylov, NoneType))
 
 
 def scheme_of(

@@ -521,14 +521,11 @@ class Builder(builder.Builder):
 
     def velocities(self, u: Array) -> Array:
         """(n,) velocities that the file gives, where directors are those of a position."""
-        frames = u.reshape(-1, 4, 3)[:, 1:]
-        of_bodies = zip(self.mechanism.bodies.values(), frames, strict=True)
-        return np.concatenate(
-            [
-                np.concatenate([body.velocity, product(frame, turning_rate(body).T).ravel()])
-                for body, frame in of_bodies
-            ]
-        )
+        rates = np.empty((len(self.numbers), 4, 3))
+        of_bodies = zip(rates, self.mechanism.bodies.values(), u.reshape(-1, 4, 3), strict=True)
+        for rate, body, at in of_bodies:
+            rate[0], rate[1:] = body.velocity, product(at[1:], turning_rate(body).T)
+        return rates.ravel()
 
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
         """Key and words of a motion (n, 1 of k) that has no inertia."""

@@ -154,32 +154,20 @@ class Tables:
     def functions(self, conservative: bool) -> Mapping[str, Any]:
         """Fields of a `Problem`: its functions, as far as these elements ask for them."""
         rare = any(kind >= elements.COUPLE for kind in self.kinds)
+        function = elements.evaluate_all if rare else elements.evaluate
+        derivatives, potential = elements.constraint_derivatives, elements.potential
+        if self.timed:
+            function, potential = elements.evaluate_timed, elements.timed_potential
+            derivatives = elements.timed_constraint_derivatives
+        # Laws of time and angles take seconds to write out.
+        written = not (self.timed or rare)
         return {
-            "function": (
-                elements.evaluate_timed
-                if self.timed
-                else elements.evaluate_all
-                if rare
-                else elements.evaluate
-            ),
-            "derivatives": (
-                elements.timed_constraint_derivatives
-                if self.timed
-                else elements.constraint_derivatives
-            ),
-            "potential": (
-                None
-                if not conservative
-                else elements.timed_potential
-                if self.timed
-                else elements.potential
-            ),
+            "function": function,
+            "derivatives": derivatives,
+            "potential": potential if conservative else None,
             "ints": self.ints,
             "reals": self.reals,
-            # Laws of time and angles take seconds to write out.
-            "elements": (
-                None if self.timed or rare else Elements(elements.accumulate, self.starts)
-            ),
+            "elements": Elements(elements.accumulate, self.starts) if written else None,
         }
 
     def pattern(self, mass: IndexArray) -> Pattern:
