@@ -606,7 +606,7 @@ def _accumulate_further(
     last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
 ):
     """What `accumulate` leaves out, up to a place: elements that few mechanisms have."""
-    e = 0
+    e = np.int64(0)  # a literal would compile what it is handed to once more
     while e < last:
         kind = ints[0, e + KIND]
         if kind == COUPLE:
@@ -644,8 +644,9 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         g_values: Overwritten with the entries of G = Φ_uᵀ.
     """
     force[:] = 0
+    first = np.int64(0)
     accumulate(
-        0, ints.shape[1], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
+        first, ints.shape[1], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
         g_values,
     )  # fmt: skip
 
@@ -665,8 +666,9 @@ def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_va
     last, frozen = at_time(t, ints, reals)
     now = reals.dtype.type(0)
     force[:] = 0
+    first = np.int64(0)
     accumulate(
-        0, last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
+        first, last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
     )
     _accumulate_further(
         last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
@@ -715,7 +717,7 @@ def _differentiate(
 ):
     """Do what `constraint_derivatives` does for elements up to a place."""
     one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
-    e = 0
+    e = np.int64(0)
     while e < last:
         kind, row, p = ints[0, e + KIND], ints[0, e + ROW], ints[0, e + PARAMETERS]
         timed = ints[0, e + GIVEN] == LAW
@@ -779,7 +781,7 @@ def timed_constraint_derivatives(
 @_compile_allocating
 def _potential(last, t, u, ints, reals):
     """Potential energy of elements up to a place (J)."""
-    energy, e = 0.0, 0
+    energy, e = 0.0, np.int64(0)
     while e < last:
         kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
         r, p, at = ints[0, e + REALS], ints[0, e + PARAMETERS], e + PLACES
