@@ -12,6 +12,8 @@ MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
     for path in PACKAGE.rglob("*.py")
 }
+#: Public names → the modules that they are imported from, when they are first used.
+HOMES = {f"{PACKAGE.name}.{n}": f"{PACKAGE.name}.{home}" for n, home in newmark_cli._HOMES.items()}
 
 
 def imported(path):
@@ -24,7 +26,7 @@ def imported(path):
         if isinstance(node, ast.ImportFrom):
             for name in node.names:
                 whole = f"{node.module}.{name.name}"
-                yield whole if whole in MODULES else node.module
+                yield whole if whole in MODULES else HOMES.get(whole, node.module)
         elif isinstance(node, ast.Import):
             yield from (name.name for name in node.names)
 
