@@ -50,12 +50,7 @@ class Run:
 
 
 def write(folder: Path, output: Path | None = None) -> Path:
-    """Write the page, by default to ``report.html`` of the results folder; returns the file.
-
-    Raises:
-        InputError: When jinja2 is not installed.
-        ResultsError: When there are no results, or they cannot be used.
-    """
+    """Write the page, by default to ``report.html`` of the results folder; returns the file."""
     text = html(folder)
     if output is None:
         output = folder / "report.html"
@@ -66,22 +61,18 @@ def write(folder: Path, output: Path | None = None) -> Path:
 
 
 def html(folder: Path) -> str:
-    """The page of a results folder, the same text each time.
-
-    Raises:
-        InputError, ResultsError: As `write`.
-    """
+    """The page of a results folder, the same text each time."""
     try:
         import jinja2
     except ModuleNotFoundError:
         raise InputError(
             "report: needs jinja2; install it with: pip install 'newmark-study[report]'"
         ) from None
-    found = slopes.collect(folder)
-    expected = expectations.judge(folder, found)
+    series = slopes.collect(folder)
+    expected = expectations.judge(folder, series)
     # Of studies of one's own, which no figure shows, nothing is folded away.
-    shown = check.chosen(found, everything=not check.in_paper(found))
-    studies = dict.fromkeys(slope.study for slope in found)
+    shown = check.chosen(series, everything=not check.in_paper(series))
+    studies = dict.fromkeys(slope.study for slope in series)
     provenance = {study: records.known(folder / f"{study}.csv") for study in studies}
     changed = records.changed(folder, studies)
     runs = [_run(study, record) for study, record in provenance.items()]
@@ -95,16 +86,16 @@ def html(folder: Path) -> str:
     return environment.get_template("page.html").render(
         version=newmark_cli.__version__,
         finished=max((run.facts.get("finished", "") for run in runs), default=""),
-        holds=outcomes.hold(outcomes.of(found, expected, changed)),
+        holds=outcomes.hold(outcomes.of(series, expected, changed)),
         changed=[f"{entry.path}: {entry.finding}" for entry in changed],
-        summary=check.summary(found, expectations.summary(expected)),
+        summary=check.summary(series, expectations.summary(expected)),
         slopes=check.slope_rows(shown),
-        rest=check.slope_rows([slope for slope in found if slope not in shown]),
+        rest=check.slope_rows([slope for slope in series if slope not in shown]),
         claims=expectations.claim_rows(expected),
         expectations=expectations.table(expected),
-        pictures=pictures(Results(folder, found)),
-        tables=_tables(folder, found),
-        cures=_cures(Results(folder, found)),
+        pictures=pictures(Results(folder, series)),
+        tables=_tables(folder, series),
+        cures=_cures(Results(folder, series)),
         timings=records.timing_rows(provenance),
         runs=runs,
     )
@@ -143,12 +134,7 @@ def _picture(figure: Figure, results: Results) -> Picture:
 
 
 def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
-    """A drawing as SVG inside HTML.
-
-    Args:
-        prefix: Of its ids: figures on one page share names of clip paths and glyphs.
-        label: What it says, for those who do not see it.
-    """
+    """A drawing inside HTML with a label; a prefix tells its ids from those of other figures."""
     root = ElementTree.fromstring(rendered(drawing, "svg"))
     for parent in list(root.iter()):
         for child in list(parent):

@@ -73,11 +73,7 @@ class Store:
         files.make_folder(self._folder, self._results)
 
     def require_replaceable(self, cell: Cell) -> None:
-        """Refuse a folder in the place of a cell before it is computed.
-
-        Raises:
-            ResultsError: There is one.
-        """
+        """Refuse a folder in the place of a cell before it is computed."""
         files.require_replaceable(self._folder / _key(cell).file)
 
     def find(self, cell: Cell, failed: bool = False) -> Done | None:
@@ -86,11 +82,7 @@ class Store:
         return done if done and (failed or done.outcome.status != "failed") else None
 
     def keep(self, cell: Cell, done: Done) -> None:
-        """Keep a cell that has ended, atomically; never in place of a better one.
-
-        Raises:
-            ResultsError: When it cannot be written.
-        """
+        """Keep a cell that has ended, atomically; never in place of a better one."""
         key = _key(cell)
         before = self.find(cell)
         if before is not None and _worth(done) < _worth(before):
@@ -132,15 +124,12 @@ class Store:
         """Copy the cells of another results folder; returns how many were taken.
 
         What has failed or is damaged is replaced by what is better.
-
-        Raises:
-            ResultsError: When there are none, or they cannot be written.
         """
-        found = sorted((folder / "cells").glob("*.json"))
-        if not found:
+        paths = sorted((folder / "cells").glob("*.json"))
+        if not paths:
             raise ResultsError(f"{folder}: holds no finished cells")
         new = 0
-        for file in found:
+        for file in paths:
             theirs, ours = files.read_mapping(file), files.read_mapping(self._folder / file.name)
             if _worth(_done(theirs)) > _worth(_done(ours)):
                 files.write_json(self._folder / file.name, theirs, self._results)
@@ -197,10 +186,7 @@ def core() -> str:
             for room in ("newmark", "problems", "mechanisms")
             for file in sorted((package / room).rglob("*.py"))
         ),
-        *(
-            package / "study" / f"{name}.py"
-            for name in ("axes", "compute", "measures", "redundancy")
-        ),
+        *(package / "study" / f"{name}.py" for name in ("axes", "compute", "measures")),
     ]
     # The package's own version says nothing that its code does not.
     libraries = {name: found for name, found in versions().items() if name != "newmark-study"}

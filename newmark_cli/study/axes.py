@@ -476,11 +476,7 @@ def described(cell: Cell) -> str:
 
 
 def grid(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Every combination of a case's values, in the order of the CSV.
-
-    Args:
-        given: Axis → values, as `values` gives them.
-    """
+    """Every combination of `values` of a case, in the order of the CSV."""
     order = [each.name for each in cell_axes() if each.name in given]
     inner = {each.name for each in cell_axes() if each.inner}
     order.sort(key=lambda name: name in inner)
@@ -489,17 +485,13 @@ def grid(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def values(case: Any) -> dict[str, tuple[Any, ...]]:
-    """Axis → values of the cells of a case, of those axes that tell cells apart.
-
-    Args:
-        case: What a config gives, an attribute for each axis.
-    """
-    found = {}
+    """Axis → values of the cells of a case, of those axes that tell cells apart."""
+    along = {}
     for each in cell_axes():
         if each.cell:
             given = getattr(case, each.name)
-            found[each.name] = tuple(each.value(one) for one in (given if each.many else (given,)))
-    return found
+            along[each.name] = tuple(each.value(one) for one in (given if each.many else (given,)))
+    return along
 
 
 def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
@@ -533,14 +525,14 @@ class SeriesKey:
             row: Column → value; an axis that is missing has its usual value, and
                 ``steps``, where it is given, says whether it was measured at the start.
         """
-        found = []
+        labels = []
         for each in series_axes():
             if each is INITIAL and "initial" not in row:
-                found.append(INITIAL.write(row.get("steps", 1)))
+                labels.append(INITIAL.write(row.get("steps", 1)))
             else:
                 given = row[each.name] if each.usual is None else row.get(each.name, each.usual)
-                found.append(each.same(str(given)))
-        return cls(tuple(found))
+                labels.append(each.same(str(given)))
+        return cls(tuple(labels))
 
     def __getattr__(self, name: str) -> str:
         place = None if name.startswith("_") else _places().get(name)
@@ -555,11 +547,7 @@ class SeriesKey:
         return dict(zip(names, self.values, strict=True))
 
     def besides(self, *said: str) -> list[str]:
-        """Values of the axes that do not go without saying.
-
-        Args:
-            said: Axes that stand elsewhere already.
-        """
+        """Values of the axes that neither go without saying nor are said already."""
         return [
             value
             for each, value in zip(series_axes(), self.values, strict=True)

@@ -116,7 +116,7 @@ class Watcher(Protocol):
 
 def marches(cells: Sequence[Cell], exported: Exported) -> list[Cell]:
     """Cells whose systems can be exported, those of equal systems once."""
-    found: dict[Cell, Cell] = {}
+    chosen: dict[Cell, Cell] = {}
     without: dict[str, int] = {}
     for cell in cells:
         if cell.steps == 0:
@@ -129,13 +129,13 @@ def marches(cells: Sequence[Cell], exported: Exported) -> list[Cell]:
         else:
             # What is measured and reported changes no system.
             key = replace(cell, measure=(), samples=1, trajectory=None, multipliers=AUTO, accept=())
-            found.setdefault(key, cell)
+            chosen.setdefault(key, cell)
             continue
         without[reason] = without.get(reason, 0) + 1
     exported.left_out += [f"{count} cells left out: {why}" for why, count in without.items()]
-    if not found:
+    if not chosen:
         raise InputError("nothing to export: " + "; ".join(exported.left_out))
-    return [*found.values()]
+    return [*chosen.values()]
 
 
 def write(
@@ -145,10 +145,6 @@ def write(
 
     The folder is made, or replaced if an export has written all that is in it; with ``force`` it
     may hold other files, which stay.
-
-    Raises:
-        InputError: When there is nothing to export, or the march has no such steps.
-        ResultsError: When the folder holds other files or cannot be written.
     """
     exported = Exported()
     chosen = {cell: choice.of(cell) for cell in marches(cells, exported)}
@@ -215,8 +211,8 @@ def _collected(
 ) -> tuple[list[NewtonSystem], list[str]]:
     """All systems at once, for another process."""
     ending: list[str] = []
-    found = _observed(problem, cell, steps, every_iteration, lambda steps: None, ending)
-    return [*found], ending
+    systems = _observed(problem, cell, steps, every_iteration, lambda steps: None, ending)
+    return [*systems], ending
 
 
 def _observed(
@@ -232,10 +228,10 @@ def _observed(
     try:
         with np.errstate(all="ignore"):
             march = March(problem, scheme_of(cell), cell.linear_solver, cell.krylov)
-        found = newton_systems(march, steps, every_iteration, on_steps)
+        systems = newton_systems(march, steps, every_iteration, on_steps)
         while True:
             with np.errstate(all="ignore"):  # not of whoever takes the systems
-                system = next(found, None)
+                system = next(systems, None)
             if system is None:
                 break
             yield system
@@ -392,10 +388,6 @@ def cells_of(
     """Marches of a study, or of a problem, for values along the axes of `CHOSEN`.
 
     Of axes without values a study has all, and a problem those of `CHOSEN`.
-
-    Raises:
-        DocumentError: When the subject, or a value, is unknown or cannot be used.
-        InputError: When a study has no such cell, or a time of its own.
     """
     values = {name: tuple(wanted.get(name, ())) for name in CHOSEN}
     if config.is_study(subject):

@@ -9,6 +9,7 @@ import numpy as np
 
 from newmark_cli.newmark import march_data
 from newmark_cli.newmark.march import March, is_ready
+from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.operations import of_march
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
@@ -17,11 +18,17 @@ from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.measures import MEASURES, Deviations, Observer
-from newmark_cli.study.redundancy import REDUNDANT, Watch
 from newmark_cli.support.arrays import IndexArray
 
 #: Seconds that a march is timed for in all, and most repetitions of a short one.
 _MEASURED, _MOST_MARCHES = 0.2, 1_000
+
+#: Status of a cell that was ended because rows that were dropped as redundant are needed.
+REDUNDANT = "redundant"
+
+
+class _Watch(Needed, Observer):
+    """Looks at the constraints that were kept along a march of a cell."""
 
 
 def scheme_of(cell: Cell) -> Scheme:
@@ -66,12 +73,12 @@ def compute(
     march = March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
     observers = {each.name: each.observe(cell, march, reference) for each in measures}
-    every = [*observers.values(), Watch(march.problem, cell.steps)]
+    every = [*observers.values(), _Watch(march.problem, cell.steps)]
     counts, pivoted = _marched(march, cell.steps, every, on_steps)
     rows = {name: each.measured() for name, each in observers.items()}
     if cell.twins:
-        found = _by_twins(cell, observers, reference, on_steps)
-        for name, deviations in found.items():
+        twinned = _by_twins(cell, observers, reference, on_steps)
+        for name, deviations in twinned.items():
             rows[name] = [
                 with_rounding(row, deviations, observers[name].unresolved(row.quantity))
                 for row in rows[name]
@@ -102,15 +109,15 @@ def _by_twins(
 ) -> dict[str, list[Deviations]]:
     """Measure with twins → what its rows are about, of the march and then of each twin."""
     twinned = {name: MEASURES[name] for name in observers if MEASURES[name].twins}
-    found = {name: [observers[name].deviations] for name in twinned}
+    deviations = {name: [observers[name].deviations] for name in twinned}
     problem, scheme = cell.problem.load(), scheme_of(cell)
     grid = cell.grid(problem.t0)
     for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov, grid):
         of_twin = {name: each.observe(cell, twin, reference) for name, each in twinned.items()}
         _marched(twin, cell.steps, [*of_twin.values()], on_steps)
         for name, each in of_twin.items():
-            found[name].append(each.deviations)
-    return found
+            deviations[name].append(each.deviations)
+    return deviations
 
 
 def _marched(
@@ -156,8 +163,8 @@ def march_seconds(cell: Cell, on_steps: Callable[[int], None]) -> float | None:
 
     Of a cell that has been computed, so that nothing needs to be compiled; None without steps.
     """
-    found: list[float] = []
-    while cell.steps and sum(found) < _MEASURED and len(found) < _MOST_MARCHES:
+    seconds: list[float] = []
+    while cell.steps and sum(seconds) < _MEASURED and len(seconds) < _MOST_MARCHES:
         problem = cell.problem.load()
         march = March(
             problem, scheme_of(cell), cell.solver, cell.krylov, grid=cell.grid(problem.t0)
@@ -165,5 +172,5 @@ def march_seconds(cell: Cell, on_steps: Callable[[int], None]) -> float | None:
         start = time.perf_counter()
         for _ in march.stretches(cell.steps):
             on_steps(0)
-        found.append(time.perf_counter() - start)
-    return min(found, default=None)
+        seconds.append(time.perf_counter() - start)
+    return min(seconds, default=None)

@@ -267,16 +267,16 @@ class _Rules(RuledModel):
 
     def recorded(self) -> dict[str, int]:
         """Measure that records over time → most numbers in its file."""
-        found, steps = {}, [last for *_, last in self._lengths()]
+        numbers, steps = {}, [last for *_, last in self._lengths()]
         others = self.count // (len(self.h) * len(self.h_sequence) * len(self.problem))
         needed = not set(_RECORDED).isdisjoint(self.measure)
         traits = [spec.traits() for spec in self.problem] if needed else []
         if HISTORY.name in self.measure:
             pairs = sum(min(last, 2 * min(last, self.samples)) for last in steps)
             width = sum(each.m + _outputs(each) for each in traits)
-            found[HISTORY.name] = pairs * width * others
+            numbers[HISTORY.name] = pairs * width * others
         if DRIFT.name in self.measure:
-            found[DRIFT.name] = 2 * self.count * self.samples
+            numbers[DRIFT.name] = 2 * self.count * self.samples
         if (kept := axes.kept_of(self)) is not None:
             sizes = [
                 {"lambda": each.m, ENERGY: 1, OUTPUT: _outputs(each)} | dict.fromkeys("uva", each.n)
@@ -284,8 +284,8 @@ class _Rules(RuledModel):
             ]
             width = sum(2 + sum(size[name] for name in kept.keep) for size in sizes)
             looks = sum(len(kept.at) or -(-last // kept.every) + 1 for last in steps)
-            found[TRAJECTORY.name] = looks * width * others
-        return found
+            numbers[TRAJECTORY.name] = looks * width * others
+        return numbers
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -623,11 +623,7 @@ def _no_study(config: str) -> DocumentError:
 
 
 def is_study(subject: str) -> bool:
-    """Whether it is the name or file of a study rather than of a problem.
-
-    Raises:
-        InputError: When it is neither.
-    """
+    """Whether it is the name or file of a study rather than of a problem; refuses anything else."""
     known = (*shipped(), *registry.PROBLEMS, *FAMILIES)
     if subject in known:
         return subject in shipped()

@@ -45,8 +45,8 @@ def needed(name: str) -> tuple[str, ...]:
 def quantities(names: Iterable[str]) -> tuple[str, ...]:
     """Quantities that rows have of which the given ones of `SHOWABLE` are made."""
     rows = (kind for name in names for kind in kinds(name))
-    found = (RECORDS["error" if kind == WORK_PRECISION else kind].quantities for kind in rows)
-    return tuple(dict.fromkeys(quantity for several in found for quantity in several))
+    of_rows = (RECORDS["error" if kind == WORK_PRECISION else kind].quantities for kind in rows)
+    return tuple(dict.fromkeys(quantity for several in of_rows for quantity in several))
 
 
 #: What figures draw: series against the step size, errors against work, values over time, or a
@@ -115,11 +115,7 @@ def entries(config: Any, key: str, read: Callable[[Any], Entry]) -> list[Entry] 
 
 def _definition(entry: Mapping[str, Any]) -> Definition:
     def axes_of(key: str) -> tuple[str, ...] | None:
-        given = entry.get(key) or ()
-        found = (given,) if isinstance(given, str) else tuple(str(value) for value in given)
-        if not set(found) <= set(COMPARABLE):
-            raise KeyError(f"{key}: {', '.join(found)}")
-        return found or None
+        return several(entry, key, COMPARABLE) or None
 
     def text(key: str, of: Mapping[str, Any] = entry) -> str:
         return str(of.get(key) or "")
@@ -157,14 +153,23 @@ def _definition(entry: Mapping[str, Any]) -> Definition:
     )
 
 
+def several(entry: Mapping[str, Any], key: str, known: Iterable[str] = ()) -> tuple[str, ...]:
+    """A value or several of an entry; of known ones only, where there are any."""
+    given = entry.get(key) or ()
+    values = (given,) if isinstance(given, str) else tuple(map(str, given))
+    if known and not set(values) <= set(known):
+        raise KeyError(f"{key}: {', '.join(values)}")
+    return values
+
+
 def chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     """Axis → values of an entry of a config, spelled as in CSVs."""
     same = {axis.name: axis.same for axis in axes.series_axes()}
-    found = {}
+    choice = {}
     for axis in (*COMPARABLE, "initial"):
         if (given := entry.get(axis)) is not None:
             several = given if isinstance(given, list | tuple) else [given]
             if not all(isinstance(value, str) for value in several):
                 raise TypeError(f"{axis}: {given!r}")
-            found[axis] = tuple(map(same[axis], several))
-    return found
+            choice[axis] = tuple(map(same[axis], several))
+    return choice

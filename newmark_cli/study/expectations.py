@@ -38,11 +38,6 @@ class Expectation:
     label: str = ""  #: how the claim names the series; made from their axes when empty
 
     @property
-    def name(self) -> str:
-        """How texts name it."""
-        return f"expect[{self.number}]"
-
-    @property
     def bounded(self) -> bool:
         """Whether it expects a level."""
         return self.at_least > 0 or self.at_most < math.inf

@@ -184,19 +184,18 @@ Expectations = Annotated[tuple[ExpectConfig, ...], Field(min_length=1, max_lengt
 def resolved(document: Document, study: "Study") -> "Study":
     """The study with the values of its expectations as its CSV will have them.
 
-    Raises:
-        DocumentError: For every expectation of which no cell can give a series.
+    Refuses expectations of which no cell can give a series.
     """
     if study.expect is None:
         return study
     offered = [_Offered(case) for case in study.cases]
     mistakes = Mistakes()
-    found = []
+    expectations = []
     for i, each in enumerate(study.expect):
         with mistakes.gathered():
-            found.append(_resolved(document, ("expect", i), each, offered))
+            expectations.append(_resolved(document, ("expect", i), each, offered))
     mistakes.refuse()
-    return study.model_copy(update={"expect": tuple(found)})
+    return study.model_copy(update={"expect": tuple(expectations)})
 
 
 class _Offered:
@@ -225,15 +224,15 @@ class _Offered:
         formulations = [
             one for one in self._formulations if one.label in choice.get("formulation", [one.label])
         ]
-        found = set()
+        names_of_rows = set()
         for one in self.measures:
             if measure in (record.name for record in one.records):
                 if one.rows is None:
                     return None
                 for form, formulation in product(forms, formulations):
                     names = one.rows(formulation.applied(FORMS[form]))
-                    found |= {(name[1], name[3]) for name in names if name[0] == measure}
-        return found
+                    names_of_rows |= {(name[1], name[3]) for name in names if name[0] == measure}
+        return names_of_rows
 
     def gives(self, wanted: Any, choice: _Choice) -> bool:
         """Whether one of its series is what is expected something of."""

@@ -59,14 +59,7 @@ from newmark_cli.newmark.integrator import (
     plain_label,
 )
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
-from newmark_cli.newmark.linear.choice import (
-    AUTO,
-    DENSE,
-    LINEAR_SOLVERS,
-    SPARSE,
-    STATIC,
-    Krylov,
-)
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
     CORRECTION,
@@ -89,13 +82,7 @@ from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, in_words
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES, RECORDS
 from newmark_cli.support import documents
-from newmark_cli.support.documents import (
-    WHOLE,
-    Document,
-    Number,
-    StrictModel,
-    misfit,
-)
+from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
 from newmark_cli.support.errors import InputError
 from newmark_cli.support.json_schema import JsonSchema, Shown, also
 from newmark_cli.support.spelling import closest
@@ -140,10 +127,7 @@ def _written_once_or_more(schema: CoreSchema, handler: GetJsonSchemaHandler) -> 
 
 Item = TypeVar("Item")
 OneOrMore = Annotated[
-    tuple[Item, ...],
-    Field(min_length=1),
-    WrapValidator(_one_or_more),
-    Shown(_written_once_or_more),
+    tuple[Item, ...], Field(min_length=1), WrapValidator(_one_or_more), Shown(_written_once_or_more)
 ]
 
 
@@ -243,13 +227,7 @@ Value = TypeVar("Value", bound=Valued)
 def read(name: str, given: Any, model: type[Value]) -> Any:
     """The core's value of what a command line, or a function of the library, is given.
 
-    Args:
-        name: How errors name it.
-        given: What a config may give.
-        model: The model of the config's key.
-
-    Raises:
-        DocumentError: If a config could not give it.
+    The model is that of the config's key, and errors are those of a config, under the name.
     """
     return documents.validate(Document.of(name, given), model).value()
 
@@ -346,12 +324,7 @@ class MethodConfig(Valued):
         return {name: float(value) for name, value in given.items()}
 
     def _refuse_others(self, allowed: Collection[str], owners: Mapping[str, str]) -> None:
-        """Refuse parameters of other methods.
-
-        Args:
-            allowed: Those of this one.
-            owners: Parameter → the method that has it.
-        """
+        """Refuse parameters of other methods, by parameter and method in ``owners``."""
         has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
         documents.together(
             misfit(
@@ -608,19 +581,19 @@ class StopConfig(Valued):
         if not isinstance(data, str):
             return data
         words = data.removeprefix("tolerance ").replace("=", " ").split()
-        found: dict[str, Any] = {}
-        of = found
+        limits: dict[str, Any] = {}
+        of = limits
         while words:
             word = words.pop(0)
             if word in (RESIDUAL, SCALED_RESIDUAL):
-                found["test"] = word
+                limits["test"] = word
             elif word in (*FIELDS, "lambda"):
-                of = found[word] = {}
+                of = limits[word] = {}
             elif word in ("absolute", "relative"):
                 of[word] = documents.plain(words.pop(0)) if words else None
             else:
-                found[word] = documents.plain(words.pop(0)) if words else None
-        return found
+                limits[word] = documents.plain(words.pop(0)) if words else None
+        return limits
 
     @property
     def _fields(self) -> dict[str, LimitsConfig]:
@@ -750,9 +723,9 @@ def _mechanism(path: Path, spelled: str, allow_code: bool) -> ProblemSpec:
     file = documents.fetch(path, spelled)
     if allow_code and _has_code(file):
         return ForcedMechanism(file, path).read()
-    found = MechanismFile(file)
-    found.load()
-    return found
+    mechanism = MechanismFile(file)
+    mechanism.load()
+    return mechanism
 
 
 def _has_code(file: documents.File) -> bool:
@@ -799,10 +772,10 @@ def _read_once(
             around.problems[key] = read()
         except InputError as error:
             raise documents.refused(error) from None
-    found = around.problems[key]
-    if found is None:
+    problem = around.problems[key]
+    if problem is None:
         raise documents.reported()
-    return found
+    return problem
 
 
 def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:

@@ -89,6 +89,10 @@ class Observer:
     #: have any: each takes all that a stretch has recorded.
     looks: Sequence[int] = ()
     reason: str = ""  #: why the march is to end where it stands; empty as long as it may go on
+    #: values at recorded steps, for the file of time series: see `over_time`
+    history: Sequence[tuple[int, Array]] = ()
+    #: misfits (2,) of the constraints and their rate at sampled steps, for their file
+    drift: Sequence[tuple[int, Array]] = ()
 
     def took(self, stretch: "Stretch") -> None:
         """The march took these steps."""
@@ -108,16 +112,6 @@ class Observer:
     def unresolved(self, quantity: str) -> float:
         """By how much what a quantity deviates from may be off itself."""
         return 0.0
-
-    @property
-    def history(self) -> list[tuple[int, Array]]:
-        """Values at recorded steps, for the file of time series: see `over_time`."""
-        return []
-
-    @property
-    def drift(self) -> list[tuple[int, Array]]:
-        """Misfits (2,) of the constraints and their rate at sampled steps, for their file."""
-        return []
 
     @property
     def trajectory(self) -> Mapping[str, Array | IndexArray]:
@@ -235,12 +229,12 @@ class _Corrections(Observer):
         if not grid.varies:
             return physical_norms(schemes.base, norms)
         kinds, which = np.unique(grid.kinds(range(1, len(norms) + 1)), return_inverse=True)
-        found: dict[str, Array] = {}
+        physical: dict[str, Array] = {}
         for number, kind in enumerate(kinds.tolist()):
             of_kind = physical_norms(schemes.of_kind(kind), norms[which == number])
             for name, values in of_kind.items():
-                found.setdefault(name, np.empty(len(norms)))[which == number] = values
-        return found
+                physical.setdefault(name, np.empty(len(norms)))[which == number] = values
+        return physical
 
 
 def physical_norms(scheme: Scheme, norms: Array) -> dict[str, Array]:
@@ -251,15 +245,15 @@ def physical_norms(scheme: Scheme, norms: Array) -> dict[str, Array]:
     """
     form = scheme.form
     right = dict(zip(form.unknowns, scheme.right, strict=True))
-    found = {
+    physical = {
         name: right.get(name, 1.0) * of_block
         for name, of_block in zip(scheme.recorded, norms.T, strict=True)
     }
-    for eliminated in set(form.eliminated) - set(found):
+    for eliminated in set(form.eliminated) - set(physical):
         weights = np.abs(scheme.elimination.weights[FIELDS.index(eliminated)])
         source = int(np.argmax(weights))
-        found[eliminated] = weights[source] * found[form.kept[source]]
-    return found
+        physical[eliminated] = weights[source] * physical[form.kept[source]]
+    return physical
 
 
 def corrections(
@@ -277,12 +271,12 @@ def corrections(
     physical = physical_norms(scheme, norms) if physical is None else physical
     form, counted = scheme.form, iterations > 0
     scaled = dict(zip(scheme.recorded, norms.T, strict=True))
-    found = []
+    rows = []
     for measure, quantity, role, _ in _rows_of_corrections(form):
         values = (scaled if measure == "correction" else physical)[quantity][counted]
         of_steps = replace(statistics(values), rounding=standard_error(values))
-        found.append(Measurement(quantity, measure, role, of_steps))
-    return found
+        rows.append(Measurement(quantity, measure, role, of_steps))
+    return rows
 
 
 def _rows_of_corrections(form: Form) -> list[RowName]:
@@ -376,34 +370,27 @@ def _coarse_orders_of_correction(key: SeriesKey) -> tuple[float, ...]:
     return (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),)
 
 
+def _record_of_corrections(name: str, of_unit: str, mark: str) -> Record:
+    return Record(
+        name,
+        lambda key: f"Δ{symbol(key.quantity)}{of_unit}",
+        lambda key: rf"last decreasing correction $\|\Delta{mark} {_math(key.quantity)}\|$ (rms)",
+        "rms",
+        _order_of_correction,
+        0.15,
+        kind="rounding",
+        coarse=_coarse_orders_of_correction,
+        bounded=_bound_of_correction,
+        quantities=(*FIELDS, *MULTIPLIERS),
+    )
+
+
 CORRECTION = Measure(
     "correction",
     "the last decreasing Newton corrections, scaled and physical",
     (
-        Record(
-            "correction",
-            lambda key: f"Δ{symbol(key.quantity)}",
-            lambda key: rf"last decreasing correction $\|\Delta\bar {_math(key.quantity)}\|$ (rms)",
-            "rms",
-            _order_of_correction,
-            0.15,
-            kind="rounding",
-            coarse=_coarse_orders_of_correction,
-            bounded=_bound_of_correction,
-            quantities=(*FIELDS, *MULTIPLIERS),
-        ),
-        Record(
-            "physical_correction",
-            lambda key: f"Δ{symbol(key.quantity)} (physical)",
-            lambda key: rf"last decreasing correction $\|\Delta {_math(key.quantity)}\|$ (rms)",
-            "rms",
-            _order_of_correction,
-            0.15,
-            kind="rounding",
-            coarse=_coarse_orders_of_correction,
-            bounded=_bound_of_correction,
-            quantities=(*FIELDS, *MULTIPLIERS),
-        ),
+        _record_of_corrections("correction", "", r"\bar"),
+        _record_of_corrections("physical_correction", " (physical)", ""),
     ),
     _Corrections,
     stop=False,
@@ -540,12 +527,12 @@ class _Errors(Observer):
         self._reference = reference
         self._found: Deviations = {}
 
-    def sees(self, march: "March") -> None:
-        self._found = errors(self._reference, march.seen, march.problem, march.t)
-
     @property
     def deviations(self) -> Deviations:
         return self._found
+
+    def sees(self, march: "March") -> None:
+        self._found = errors(self._reference, march.seen, march.problem, march.t)
 
     def unresolved(self, quantity: str) -> float:
         of = OF_OUTPUTS.get(quantity, quantity)
@@ -758,14 +745,14 @@ def invariants(problem: "Problem", samples: "Sequence[Mapping[str, Misfit]]") ->
     """
     from newmark_cli.problems.multipliers import relative, weights_at_start
 
-    found = {}
+    relative_errors = {}
     for name in samples[0] if samples else ():
         errors, sizes = (np.array(each) for each in zip(*(s[name] for s in samples), strict=True))
         largest = sizes.max(axis=0)
         if name == "multiplier":
             largest = weights_at_start(problem).scales(largest)
-        found[name] = relative(errors, largest)
-    return found
+        relative_errors[name] = relative(errors, largest)
+    return relative_errors
 
 
 def _order_of_drift(key: SeriesKey) -> float:
@@ -802,12 +789,8 @@ INVARIANT = Measure(
 class _Drift(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = _sampled(cell)
-        self._recorded: list[tuple[int, Array]] = []
+        self.drift: list[tuple[int, Array]] = []
         self._signed: dict[str, list[Array]] = {name: [] for name in DRIFTS}
-
-    @property
-    def drift(self) -> list[tuple[int, Array]]:
-        return self._recorded
 
     @property
     def deviations(self) -> Deviations:
@@ -818,7 +801,7 @@ class _Drift(Observer):
 
         u, v = np.asarray(march.here.fields[:2], float)
         found = misfits(march.problem, march.t, u, v)
-        self._recorded.append((march.done, np.array([found[name].error for name in DRIFTS])))
+        self.drift.append((march.done, np.array([found[name].error for name in DRIFTS])))
         for name, errors in self._signed.items():
             errors.append(found[name].errors)
 
@@ -950,12 +933,8 @@ class _History(Observer):
         sampled = _sampled(cell)
         # An error that alternates from step to step shows only in pairs of steps.
         self.stops = sampled | {step - 1 for step in sampled if step > 1}
-        self._recorded: list[tuple[int, Array]] = []
+        self.history: list[tuple[int, Array]] = []
         self._problem = march.problem
-
-    @property
-    def history(self) -> list[tuple[int, Array]]:
-        return self._recorded
 
     def sees(self, march: "March") -> None:
         problem, multipliers = march.problem, march.multipliers
@@ -965,7 +944,7 @@ class _History(Observer):
             parts.append(problem.outputs.values(problem, march.t, u, v, multipliers))
             energies = problem.energies(march.t, u, v)
             parts += [] if energies is None else [np.array([sum(energies)])]
-        self._recorded.append((march.done, np.concatenate(parts)))
+        self.history.append((march.done, np.concatenate(parts)))
 
     def measured(self) -> list[Measurement]:
         from newmark_cli.problems.multipliers import weights_at_start
@@ -977,7 +956,7 @@ class _History(Observer):
             end = m + len(outputs.names)
             groups |= {kind: m + np.flatnonzero(of) for kind, of in _groups(outputs).items()}
             groups |= {ENERGY: slice(end, end + 1)} if len(names) > end else {}
-        values = np.abs([of_step for _, of_step in self._recorded]).reshape(-1, len(names))
+        values = np.abs([of_step for _, of_step in self.history]).reshape(-1, len(names))
         largest = {"lambda": weights_at_start(self._problem).largest(values[:, :m])}
         largest |= {quantity: values[:, of].max(axis=1) for quantity, of in groups.items()}
         return [
@@ -1118,27 +1097,24 @@ class _Floors(Observer):
         ]
 
 
+def _record_of_floors(name: str, of_unit: str, mark: str) -> Record:
+    return Record(
+        name,
+        lambda key: f"predicted Δ{symbol(key.quantity)}{of_unit}",
+        lambda key: rf"predicted floor of $\|\Delta{mark} {_math(key.quantity)}\|$ (rms)",
+        "rms",
+        kind="rounding",
+        quantities=(*FIELDS, *MULTIPLIERS),
+    )
+
+
 FLOOR = Measure(
     "floor",
     "expected size of the last decreasing Newton corrections, predicted from rounding at sampled "
     "states",
     (
-        Record(
-            "floor",
-            lambda key: f"predicted Δ{symbol(key.quantity)}",
-            lambda key: rf"predicted floor of $\|\Delta\bar {_math(key.quantity)}\|$ (rms)",
-            "rms",
-            kind="rounding",
-            quantities=(*FIELDS, *MULTIPLIERS),
-        ),
-        Record(
-            "physical_floor",
-            lambda key: f"predicted Δ{symbol(key.quantity)} (physical)",
-            lambda key: rf"predicted floor of $\|\Delta {_math(key.quantity)}\|$ (rms)",
-            "rms",
-            kind="rounding",
-            quantities=(*FIELDS, *MULTIPLIERS),
-        ),
+        _record_of_floors("floor", "", r"\bar"),
+        _record_of_floors("physical_floor", " (physical)", ""),
     ),
     _Floors,
     stop=False,

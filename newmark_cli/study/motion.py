@@ -67,7 +67,7 @@ def motion(
     steps, halvings = (_STEPS, _HALVINGS) if h is None else (round(t_end / h), 0)
     steps = max(steps, frames - 1)
     tries = [max(steps // 2, frames - 1), *(steps << halving for halving in range(halvings + 1))]
-    found: Motion | None = None
+    best: Motion | None = None
     for count in tries:
         try:
             fine = _marched(problem, t_end, frames, count, integrator)
@@ -75,11 +75,11 @@ def motion(
             if count == tries[-1] or not halvings:
                 raise
             continue
-        found = replace(fine, error=_apart(found, fine) if found else math.inf)
-        if not found.doubt:
+        best = replace(fine, error=_apart(best, fine) if best else math.inf)
+        if not best.doubt:
             break
-    assert found is not None
-    return found
+    assert best is not None
+    return best
 
 
 def _apart(coarse: Motion, fine: Motion) -> float:
@@ -164,11 +164,11 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
         ]
         times = seen.t - problem.t0
         fastest = float(np.abs(seen.v).max(initial=0.0))
-        found = singular.crossings(times, np.array(gradients)) if len(times) > 2 else []
+        crossings = singular.crossings(times, np.array(gradients)) if len(times) > 2 else []
     except Exception:  # of the user's code too; the cells have told what goes wrong
         return Facts()
     size = float(np.abs(problem.u0).max()) or 1.0
     return Facts(
-        tuple(float(f"{crossing.t:.4g}") for crossing in found),
+        tuple(float(f"{crossing.t:.4g}") for crossing in crossings),
         still=len(times) > 0 and fastest * t_end < _STILL * size,
     )

@@ -80,12 +80,6 @@ def run(
     Code and machine are those that write the CSV.  A cell that was kept from an
     earlier run has the same numerical core and libraries, but may have been computed
     at another commit or on another machine.
-
-    Args:
-        study: The study.
-        found: Its cells.
-        jobs: Cells that ran side by side.
-        checksums: As of `record`, by which the two belong together.
     """
     file, lines = study.expected_at
     return {

@@ -48,9 +48,9 @@ def study_files(folder: Path) -> list[Path]:
 
 def named_studies(folder: Path, names: Sequence[str]) -> list[str]:
     """Names of studies in a results folder: those that are asked for, in the folder's order."""
-    found = [file.stem for file in study_files(folder)]
-    require_known(folder, names, found)
-    return [name for name in found if name in names or not names]
+    there = [file.stem for file in study_files(folder)]
+    require_known(folder, names, there)
+    return [name for name in there if name in names or not names]
 
 
 def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> None:
@@ -87,18 +87,12 @@ def read_csv(
     """A CSV as text, cell by cell; its index is the line in which each row begins, from 1.
 
     Its header must have these columns in this order, and its content may be known already.
-
-    Raises:
-        ResultsError: When the file is missing, truncated or of another schema.
     """
     return _read_csv(path, columns, {}, content).frame()
 
 
 def _read_csv(
-    path: Path,
-    columns: Sequence[str],
-    defaults: Mapping[str, str],
-    content: bytes | OSError | None,
+    path: Path, columns: Sequence[str], defaults: Mapping[str, str], content: bytes | OSError | None
 ) -> Table:
     """Rows of a CSV, whose header may lack the columns that have a default."""
     text = _text(path, content)
@@ -173,18 +167,6 @@ def _numbers(path: Path, lines: Sequence[int], column: str, given: Sequence[str]
         return [number(path, line, column, text) for line, text in zip(lines, given, strict=True)]
 
 
-def accepted_statuses(path: Path) -> tuple[str, ...]:
-    """Statuses and verdicts that a study is about, by the config next to its CSV."""
-    config = _record(path).get("config")
-    cases = config.get("cases") if isinstance(config, dict) else None
-    accepted: list[str] = []
-    for case in cases if isinstance(cases, list) else []:
-        given = case.get("accept") if isinstance(case, dict) else None
-        words = given if isinstance(given, list) else []
-        accepted += [word for word in words if word in (*STATUSES, NOT_CONVERGING)]
-    return tuple(dict.fromkeys(accepted))
-
-
 @dataclass(frozen=True)
 class Motion:
     """Recorded facts of a problem's motion; see `newmark_cli.study.motion.Facts`."""
@@ -193,28 +175,48 @@ class Motion:
     still: bool = False
 
 
-def released(path: Path) -> dict[str, tuple[str, ...]]:
-    """Problem with reactions that are not unique → the redundant rows that were dropped of it."""
-    recorded = _record(path).get("not_unique")
-    found = {}
-    for label, told in recorded.items() if isinstance(recorded, dict) else ():
-        rows = told.get("released") if isinstance(told, dict) else None
-        found[str(label)] = tuple(map(str, rows)) if isinstance(rows, list) else ()
-    return found
+@dataclass(frozen=True)
+class Facts:
+    """What verdicts must know of a study, by the record next to its CSV."""
+
+    accepted: tuple[str, ...]  #: statuses and verdicts that it is about
+    motions: Mapping[str, Motion]  #: problem → its motion
+    #: problem with reactions that are not unique → the redundant rows that were dropped of it
+    released: Mapping[str, tuple[str, ...]]
 
 
-def motions(path: Path) -> dict[str, Motion]:
-    """Problem → its motion, as recorded."""
-    recorded = _record(path).get("motions")
-    found = {}
-    for label, facts in recorded.items() if isinstance(recorded, dict) else ():
-        told = facts if isinstance(facts, dict) else {}
-        given = told.get("singular")
-        times = given if isinstance(given, list) else []
-        found[str(label)] = Motion(
-            tuple(float(t) for t in times if isinstance(t, float)), told.get("still") is True
-        )
-    return found
+def facts(path: Path) -> Facts:
+    """The facts next to a CSV; there are none where it travels alone."""
+    record = _parsed(results.read_record(path))
+    cases = [case for case in listed(mapping(record, "config"), "cases") if isinstance(case, dict)]
+    accepted = (word for case in cases for word in listed(case, "accept"))
+    known = (*STATUSES, NOT_CONVERGING)
+    moving, dropped = mapping(record, "motions"), mapping(record, "not_unique")
+    return Facts(
+        tuple(dict.fromkeys(word for word in accepted if word in known)),
+        {
+            label: Motion(
+                tuple(
+                    t for t in listed(mapping(moving, label), "singular") if isinstance(t, float)
+                ),
+                mapping(moving, label).get("still") is True,
+            )
+            for label in moving
+        },
+        {label: tuple(map(str, listed(mapping(dropped, label), "released"))) for label in dropped},
+    )
+
+
+def mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """A mapping in a record, which somebody else may have written; empty where there is none."""
+    value = record.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def listed(record: Mapping[str, Any], key: str) -> Sequence[Any]:
+    """A list in a record; empty where there is none."""
+    value = record.get(key)
+    return value if isinstance(value, list) else []
 
 
 def _require_recorded_rows(path: Path, rows: int, end: int, record: Mapping[str, Any]) -> None:
@@ -224,11 +226,6 @@ def _require_recorded_rows(path: Path, rows: int, end: int, record: Mapping[str,
         raise ResultsError(
             f"{path}, line {end}: {rows} rows where {recorded} were written; truncated?"
         )
-
-
-def _record(path: Path) -> dict[str, Any]:
-    """Provenance of a CSV; empty where it travels alone."""
-    return _parsed(results.read_record(path))
 
 
 def _parsed(content: bytes | OSError) -> dict[str, Any]:

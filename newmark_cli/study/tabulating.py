@@ -63,30 +63,19 @@ def layouts(config: Any) -> list[Layout]:
 
 
 def _layout(entry: Mapping[str, Any]) -> Layout:
-    def names(key: str, known: Any) -> tuple[str, ...]:
-        several = _several(entry, key)
-        if not set(several) <= set(known):
-            raise KeyError(f"{key}: {', '.join(several)}")
-        return several
-
     headings = (Heading(str(each["label"]), _chosen(each)) for each in entry.get("headings") or ())
     return Layout(
-        names("rows", AXES),
-        names("columns", AXES),
+        drawing.several(entry, "rows", AXES),
+        drawing.several(entry, "columns", AXES),
         tuple(headings),
-        names("values", VALUES) or Layout.values,
+        drawing.several(entry, "values", VALUES) or Layout.values,
         _chosen(entry),
         str(entry.get("title") or ""),
         str(entry.get("table") or ""),
     )
 
 
-def _several(entry: Mapping[str, Any], key: str) -> tuple[str, ...]:
-    given = entry.get(key) or ()
-    return (given,) if isinstance(given, str) else tuple(map(str, given))
-
-
 def _chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     """Axis → values of an entry, the measure among them."""
-    kinds = [kind for name in _several(entry, "measure") for kind in drawing.kinds(name)]
+    kinds = [kind for name in drawing.several(entry, "measure") for kind in drawing.kinds(name)]
     return drawing.chosen(entry) | ({"measure": tuple(kinds)} if kinds else {})

@@ -68,16 +68,16 @@ class Table:
         for label, outcome in self.parts:
             texts = {"study": self.study, **label}
             kept = len(outcome.trajectory["step"])
-            found = {}
+            arrays = {}
             for name in self.columns:
                 if name in outcome.trajectory:
-                    found[name] = pa.array(outcome.trajectory[name])
+                    arrays[name] = pa.array(outcome.trajectory[name])
                 elif name in texts:
                     kind = pa.float64() if name == "h" else pa.string()
-                    found[name] = pa.array([texts[name]] * kept, kind)
+                    arrays[name] = pa.array([texts[name]] * kept, kind)
                 else:
-                    found[name] = pa.nulls(kept, pa.float64())
-            parts.append(pa.table(found))
+                    arrays[name] = pa.nulls(kept, pa.float64())
+            parts.append(pa.table(arrays))
         sink = io.BytesIO()
         parquet.write_table(pa.concat_tables(parts), sink)
         return sink.getvalue()
@@ -147,11 +147,11 @@ def _read_parquet(path: Path, content: bytes | OSError) -> "pd.DataFrame":
     if isinstance(content, OSError):
         raise ResultsError(f"{path}: cannot be read: {content.strerror}")
     try:
-        found = parquet.read_table(io.BytesIO(content))
-        missing = [name for name in HISTORY_COLUMNS if name not in found.column_names]
+        table_read = parquet.read_table(io.BytesIO(content))
+        missing = [name for name in HISTORY_COLUMNS if name not in table_read.column_names]
         if missing:
             raise ResultsError(f"{path}: not trajectories: lacks {', '.join(missing)}")
-        frame: pd.DataFrame = found.to_pandas()
+        frame: pd.DataFrame = table_read.to_pandas()
     except (pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: not Parquet: {str(error).splitlines()[0]}") from None
     return frame

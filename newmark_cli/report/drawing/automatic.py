@@ -6,8 +6,8 @@ panel apart; the others become panels, or figures of their own where panels woul
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -18,7 +18,15 @@ from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.figures import Figure, Part, curve_of, label_of, looks_of
+from newmark_cli.report.reading.choosing import grouped, is_among
+from newmark_cli.report.reading.figures import (
+    Figure,
+    Part,
+    curve_of,
+    label_of,
+    looks_of,
+    side_by_side,
+)
 from newmark_cli.report.reading.words import measure_text, value_text
 from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
@@ -64,38 +72,35 @@ def figures(
     ours = [slope for slope in results.slopes if slope.study == study and slope.measure]
     slugs = _slugs(ours)
     ours = [slope for slope in ours if keep(slope)]
-    every = tuple(dict.fromkeys(slope.measure for slope in ours))
     spent = costs(results, [s for s in ours if s.measure == "error"])
-    given = defined
-    if given is not None:
-        given = [each for each in given if not each.figure]
-    else:
-        # Predicted floors stand in the figures of what they predict.
-        beside = {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
-        rest = (name for name in RECORDS if name not in (*_FIRST, *LAST))
-        arranged = {*every, WORK_PRECISION} - beside
-        given = [Definition((kind,)) for kind in (*_FIRST, *rest, *LAST) if kind in arranged]
     recorded = records.known(results.folder / f"{study}.csv").get("titles")
     titles = recorded if isinstance(recorded, dict) else {}
-    found: list[Figure] = []
-    names: list[str] = []  # that are taken
-    for definition in given:
+    arranged: list[Figure] = []
+    for definition in _usual(ours) if defined is None else defined:
         for kind in definition.kinds:
-            if not kinds or kind in kinds:
-                slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
-                found += _defined(study, definition, kind, slopes, slugs, names, titles)
-    return found
+            if definition.figure or (kinds and kind not in kinds):
+                continue
+            slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
+            for figure in _arranged(study, definition, kind, slopes, slugs, titles):
+                name = free(figure.name, [each.name for each in arranged])
+                arranged.append(replace(figure, name=name))
+    return arranged
+
+
+def _usual(slopes: Iterable[Slope]) -> list[Definition]:
+    """A definition for each kind of rows, those that matter most first."""
+    every = {slope.measure for slope in slopes}
+    # Predicted floors stand in the figures of what they predict.
+    every -= {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
+    order = dict.fromkeys((*_FIRST, *(name for name in RECORDS if name not in LAST), *LAST))
+    return [Definition((kind,)) for kind in order if kind in every or kind == WORK_PRECISION]
 
 
 def _shows(definition: Definition, kind: str, slope: Slope, spent: Costs) -> bool:
     """Whether a series is of this kind and has at least two points."""
     work = kind == WORK_PRECISION
-    if slope.measure != ("error" if work else kind):
+    if slope.measure != ("error" if work else kind) or not is_among(slope, definition.choice):
         return False
-    for axis, some in definition.choice.items():
-        # A scaling of one's own may go by its name.
-        if not {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & set(some):
-            return False
     if definition.kind in ("history", "drift"):
         return True
     there = np.isfinite(slope.values)
@@ -104,60 +109,74 @@ def _shows(definition: Definition, kind: str, slope: Slope, spent: Costs) -> boo
     return len(np.unique(slope.h[there])) >= 2
 
 
-def _defined(
+def _arranged(
     study: str,
     definition: Definition,
     kind: str,
     slopes: Sequence[Slope],
     slugs: Slugs,
-    names: list[str],
     titles: Mapping[str, str],
-) -> list[Figure]:
-    """Figures of one kind of rows."""
-    for axis, some in reversed(list(definition.choice.items())):
-        slopes = sorted(slopes, key=lambda slope: _place(some, getattr(slope, axis)))
-    compared = (*(definition.series or ()), *(definition.panels or ()))
-    one_each = [axis for axis in _ONE_EACH if axis not in compared]
-    groups = [
-        (dict(zip(one_each, values, strict=True)) | apart, grid)
-        for values, group in _grouped(slopes, one_each).items()
-        for apart, grid in _arranged(group, definition, kind)
-    ]
-    different = {
-        axis for where, _ in groups for axis in where if len({w.get(axis) for w, _ in groups}) > 1
-    }
-    found: list[Figure] = []
-    for where, grid in groups:
+) -> Iterator[Figure]:
+    """Figures of one kind of rows; their names may have been taken."""
+    order = definition.choice.items()
+    slopes = sorted(slopes, key=lambda s: [_place(some, getattr(s, axis)) for axis, some in order])
+    grids = list(_all_grids(slopes, definition, kind))
+    different = _varying([where for where, _ in grids])
+    for where, grid in grids:
+        apart = {axis: value for axis, value in where.items() if axis in different}
+        name = _name_parts(where, kind, slugs)
         if definition.name:
-            named = [slugs[axis, value] for axis, value in where.items() if axis in different]
-        else:
-            named = _name_parts(where, kind, slugs)
-        parts_of_name = filter(None, (study, definition.name, *named))
-        name = free("-".join(parts_of_name)[:180], names)
-        names.append(name)
+            name = [definition.name, *(slugs[each] for each in apart.items())]
         title = _title(where, grid, kind, titles)
         if definition.title is not None:
-            rest = ", ".join(value_text(axis, where[axis]) for axis in where if axis in different)
-            title = definition.title and ": ".join(filter(None, (definition.title, rest)))
-        parts = tuple(
-            Part(
-                tuple(_panel(definition, a, where[a], titles) for a in grid.panels if where[a]),
-                tuple(
-                    curve_of(definition, _told_apart(grid, definition, s), s.key.named())
-                    for s in several
-                ),
-            )
-            for where, several in grid.parts
+            title = _own_title(definition.title, apart)
+        parts = [_part(grid, definition, *each, titles) for each in grid.parts]
+        yield Figure(
+            "-".join((study, *name))[:180],
+            title,
+            study,
+            tuple(parts),
+            definition.columns or grid.columns,
+            definition.kind or ("work" if kind == WORK_PRECISION else "orders"),
+            note=definition.note,
+            h=definition.h,
+            looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
+            style=definition.style,
         )
-        own = definition.kind or ("work" if kind == WORK_PRECISION else "orders")
-        columns = definition.columns or grid.columns
-        looks = looks_of(definition, (curve for part in parts for curve in part.curves))
-        figure = Figure(
-            name, title, study, parts, columns, own, note=definition.note, h=definition.h,
-            looks=looks, style=definition.style,
-        )  # fmt: skip
-        found.append(figure)
-    return found
+
+
+def _all_grids(
+    slopes: Sequence[Slope], definition: Definition, kind: str
+) -> Iterator[tuple[dict[str, str], "_Grid"]]:
+    """Grids of all series, and the values of axes that each has one of."""
+    compared = (*(definition.series or ()), *(definition.panels or ()))
+    one_each = [axis for axis in _ONE_EACH if axis not in compared]
+    for values, group in grouped(slopes, one_each).items():
+        for apart, grid in _grids(group, definition, kind):
+            yield dict(zip(one_each, values, strict=True)) | apart, grid
+
+
+def _varying(places: Sequence[Mapping[str, str]]) -> set[str]:
+    """Axes that have several values."""
+    every = {axis for where in places for axis in where}
+    return {axis for axis in every if len({where.get(axis) for where in places}) > 1}
+
+
+def _part(
+    grid: "_Grid",
+    definition: Definition,
+    where: Mapping[str, str],
+    slopes: Iterable[Slope],
+    titles: Mapping[str, str],
+) -> Part:
+    """A panel of a grid, at values of the axes that tell panels apart."""
+    return Part(
+        tuple(_panel(definition, axis, value, titles) for axis, value in where.items() if value),
+        tuple(
+            curve_of(definition, _told_apart(grid, definition, slope), slope.key.named())
+            for slope in slopes
+        ),
+    )
 
 
 def _told_apart(grid: "_Grid", definition: Definition, slope: Slope) -> list[str]:
@@ -167,7 +186,7 @@ def _told_apart(grid: "_Grid", definition: Definition, slope: Slope) -> list[str
         return names
     every = [each for _, several in grid.parts for each in several]
     shorter = [axis for axis in names if axis != "linear_solver"]
-    if len({_at(each, shorter) for each in every}) == len({_at(each, names) for each in every}):
+    if len(grouped(every, shorter)) == len(grouped(every, names)):
         names = shorter
     spared = [axis for axis in names[1:] if axis != "integrator"]
     return [axis for axis in names if axis not in spared or getattr(slope, axis) != _USUAL[axis]]
@@ -188,50 +207,54 @@ class _Grid:
     columns: int
 
 
-def _arranged(
+def _grids(
     slopes: Sequence[Slope], definition: Definition, kind: str
-) -> Iterable[tuple[dict[str, str], _Grid]]:
+) -> Iterator[tuple[dict[str, str], _Grid]]:
     """Grids of the series of one problem, form and quantity, and what they are apart by."""
     values = {
         axis: list(dict.fromkeys(getattr(slope, axis) for slope in slopes)) for axis in COMPARABLE
     }
     varying = [axis for axis in COMPARABLE if len(values[axis]) > 1]
     panels = list(definition.panels or ())
-    series = list(
-        definition.series or _most_varied(values, [a for a in varying if a not in panels])
-    )
+    series = list(definition.series or _most_varied(values, {*varying} - {*panels}))
     rest = [axis for axis in varying if axis not in (*series, *panels)]
     if definition.panels is None:
         # What is least worth comparing becomes figures of their own.
         panels = sorted(rest, key=_preference)
-        while panels and len({_at(slope, panels) for slope in slopes}) > MOST_PANELS:
+        while panels and len(grouped(slopes, panels)) > MOST_PANELS:
             panels.pop()
     apart = [axis for axis in rest if axis not in panels]
-    if definition.series is None and definition.panels is None:
-        # No grid, or a cloud of points: one panel, as long as it is not crowded.
-        each = _grouped(slopes, [*apart, *panels]).values()
-        single = min(map(len, each)) < len(_grouped(slopes, series)) or len(each) == 1
-        single = single and not set(panels) & set(_PANELS)
-        most = max(len(group) for group in _grouped(slopes, apart).values())
-        if (single or kind == WORK_PRECISION) and most <= MOST_GATHERED:
-            series, panels = [*series, *panels], []
+    arranged = definition.series is None and definition.panels is None
+    if arranged and _is_gathered(slopes, series, panels, apart, kind):
+        series, panels = [*series, *panels], []
     panels.sort(key=COMPARABLE.index)
-    for where, group in _grouped(slopes, apart).items():
-        found = _grouped(group, panels)
-        ordered = sorted(
-            found.items(),
-            key=lambda part: [values[a].index(v) for a, v in zip(panels, part[0], strict=True)],
-        )
-        parts = [(dict(zip(panels, at, strict=True)), some) for at, some in ordered]
-        yield (
-            dict(zip(apart, where, strict=True)),
-            _Grid(tuple(series), tuple(panels), parts, _columns(parts, panels)),
-        )
+    for where, group in grouped(slopes, apart).items():
+        parts = [
+            (dict(zip(panels, at, strict=True)), s) for at, s in grouped(group, panels).items()
+        ]
+        parts.sort(key=lambda part: [values[axis].index(value) for axis, value in part[0].items()])
+        grid = _Grid(tuple(series), tuple(panels), parts, _columns(parts, panels))
+        yield dict(zip(apart, where, strict=True)), grid
 
 
-def _most_varied(values: Mapping[str, Sequence[str]], varying: Sequence[str]) -> list[str]:
+def _is_gathered(
+    slopes: Sequence[Slope],
+    series: Sequence[str],
+    panels: Sequence[str],
+    apart: Sequence[str],
+    kind: str,
+) -> bool:
+    """Whether one panel has all: no grid, or a cloud of points, as long as it is not crowded."""
+    sizes = [len(group) for group in grouped(slopes, [*apart, *panels]).values()]
+    single = min(sizes) < len(grouped(slopes, series)) or len(sizes) == 1
+    single = single and not set(panels) & set(_PANELS)
+    most = max(len(group) for group in grouped(slopes, apart).values())
+    return (single or kind == WORK_PRECISION) and most <= MOST_GATHERED
+
+
+def _most_varied(values: Mapping[str, Sequence[str]], varying: set[str]) -> list[str]:
     """The axis with the most values; the scaling where none varies."""
-    able = [axis for axis in varying if axis not in _PANELS]
+    able = varying - {*_PANELS}
     return [
         min(able, key=lambda axis: (-len(values[axis]), _preference(axis)), default=_PREFERRED[0])
     ]
@@ -249,18 +272,7 @@ def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence
         sizes = [len({where[axis] for where, _ in parts}) for axis in panels]
         if sizes[0] * sizes[1] == len(parts) and sizes[1] in (2, 3):
             return sizes[1]
-    return {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
-
-
-def _at(slope: Slope, names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(getattr(slope, axis) for axis in names)
-
-
-def _grouped(slopes: Iterable[Slope], names: Sequence[str]) -> dict[tuple[str, ...], list[Slope]]:
-    found: dict[tuple[str, ...], list[Slope]] = {}
-    for slope in slopes:
-        found.setdefault(_at(slope, names), []).append(slope)
-    return found
+    return side_by_side(len(parts))
 
 
 # -- words --------------------------------------------------------------------------------------
@@ -295,6 +307,12 @@ def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str
             parts.append(value_text(axis, common[axis]))
     parts += [value_text("initial", common["initial"])] if common["initial"] else []
     return f"{', '.join(parts)}: {_subject(where, kind)}"
+
+
+def _own_title(title: str, apart: Mapping[str, str]) -> str:
+    """A title that a definition gives, and what tells this figure from its others."""
+    rest = ", ".join(value_text(*each) for each in apart.items())
+    return f"{title}: {rest}" if title and rest else title
 
 
 def _subject(where: Mapping[str, str], kind: str) -> str:

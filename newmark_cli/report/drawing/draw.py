@@ -33,19 +33,9 @@ _MOST = 0.94
 
 
 def drawn(
-    sheet: Sheet,
-    size: tuple[float, float | None] | None = None,
-    settings: Mapping[str, Any] = NONE,
+    sheet: Sheet, size: tuple[float, float | None] | None = None, settings: Mapping[str, Any] = NONE
 ) -> Figure:
-    """Draw a sheet.
-
-    Args:
-        sheet: What is drawn; see `newmark_cli.report.drawing.panels`.
-        size: Width and height of the figure (inch); a height of None is what it takes.
-
-    Raises:
-        InputError: When the size leaves no room for the panels.
-    """
+    """Draw a sheet, as tall as that takes where a size (inch) has no height."""
     width, height = size or (sheet.width, None)
     with settled(checked(sheet.settings), settings):
         columns = _columns(sheet, width)
@@ -231,20 +221,9 @@ def _number(value: float, position: int | None = None) -> str:
 
 def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> None:
     """Below the panels, in as many columns as fit; of several groups a column for each."""
-    groups: dict[str, dict[str, Any]] = {}
-    for (group, text), handle in entries.items():
-        groups.setdefault(group, {})[text] = handle
-    predicted, levels = groups.pop(_PREDICTED, {}), groups.pop(_LEVELS, {})
-    if predicted:
-        lines = {line.order: line.text for panel in sheet.panels for line in panel.references}
-        orders = ", ".join(lines[order] for order in sorted(lines))
-        levels[f"predicted: {orders}"] = next(iter(predicted.values()))
-    if not (groups or levels):
+    blocks = _blocks(sheet, entries)
+    if not any(blocks):
         return
-    blocks = [[(f"{plain(name)}:", _BLANK), *some.items()] for name, some in groups.items()]
-    if len(blocks) < 2:
-        blocks = [[*some.items()] for some in groups.values()] or [[]]
-    blocks[-1] += levels.items()
     most = _MOST * drawing.bbox.width
     for columns in _layouts(blocks):
         texts, handles = zip(*(entry for column in columns for entry in column), strict=True)
@@ -263,6 +242,24 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
     if sheet.heading:
         legend.set_title(" ")
         legend.set_title(_wrapped(legend.get_title(), sheet.heading, most))
+
+
+def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[tuple[str, Any]]]:
+    """Entries of each group, under a heading where there are several."""
+    groups: dict[str, dict[str, Any]] = {}
+    for (group, text), handle in entries.items():
+        groups.setdefault(group, {})[text] = handle
+    predicted, levels = groups.pop(_PREDICTED, {}), groups.pop(_LEVELS, {})
+    if predicted:
+        lines = {line.order: line.text for panel in sheet.panels for line in panel.references}
+        orders = ", ".join(lines[order] for order in sorted(lines))
+        levels[f"predicted: {orders}"] = next(iter(predicted.values()))
+    blocks = [
+        [*[(f"{plain(name)}:", _BLANK)] * (len(groups) > 1), *some.items()]
+        for name, some in groups.items()
+    ] or [[]]
+    blocks[-1] += levels.items()
+    return blocks
 
 
 #: Settings of a legend of several groups.
@@ -297,11 +294,7 @@ def _filled(columns: Sequence[Sequence[Any]]) -> list[list[Any]]:
 
 
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
-    """Place everything, and fix it; widths first, as lines of text depend on them.
-
-    Raises:
-        UserWarning: When there is no room for the panels.
-    """
+    """Fix all places, widths first, as lines depend on them; `UserWarning` if there is no room."""
     engine: Any = drawing.get_layout_engine()
     rows = -(-len(grid) // sheet.columns)
     with warnings.catch_warnings(), _without_minor_ticks(grid):
@@ -379,12 +372,7 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
         title = panel.titles[1] if place < columns else ""
         last = place % columns == columns - 1
         beside = panel.titles[0] if last else ""
-    fitted = [t for t in panel.traces if t.fit and panel.titles]
-    fits = [f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}" for t in fitted]
-    zeros = sum(trace.zeros for trace in panel.traces)
-    if zeros and panel.tell_zeros and panel.y_scale == "log":
-        fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
-    above = 0.0
+    above, (fits, short) = 0.0, _fits(panel)
     if fits:
         text = axes.annotate(
             "", (0.5, 1), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
@@ -392,8 +380,6 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
         )  # fmt: skip
         lines = _wrapped(text, ", ".join(fits), width)
         if lines.count("\n") > 1:  # names take too much room
-            short = [t.fit.replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
-            short += [f"{zeros} zeros"] * (len(fits) - len(fitted))
             lines = _wrapped(text, ", ".join(short), width)
         text.set_text(lines)
         above = text.get_window_extent().height * 72 / axes.figure.dpi
@@ -406,6 +392,18 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
             fontsize=mpl.rcParams["axes.titlesize"],
         )  # fmt: skip
         text.set_text(_wrapped(text, plain(beside), tall))
+
+
+def _fits(panel: Panel) -> tuple[list[str], list[str]]:
+    """Fitted slopes of a panel with a title, and how many values are 0: by name, and in short."""
+    fitted = [t for t in panel.traces if t.fit and panel.titles]
+    fits = [f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}" for t in fitted]
+    short = [t.fit.replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
+    zeros = sum(trace.zeros for trace in panel.traces)
+    if zeros and panel.tell_zeros and panel.y_scale == "log":
+        fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
+        short.append(f"{zeros} zeros")
+    return fits, short
 
 
 def _is_grid(sheet: Sheet) -> bool:
@@ -428,11 +426,7 @@ _WORD, _FIXED = re.compile(r"(?:\$[^$]*\$|[^ \n])+"), "\u00a0"
 
 
 def _wrapped(probe: Any, text: str, most: float) -> str:
-    """A text of lines that are no longer than a length (pixels), where words allow it.
-
-    Args:
-        probe: The artist that will have the text; it may stand upright.
-    """
+    """A text in lines of at most so many pixels, where words allow it; `probe` will have it."""
     lines: list[str] = []
     side = "height" if probe.get_rotation() else "width"
 

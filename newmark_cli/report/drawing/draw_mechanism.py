@@ -96,13 +96,7 @@ def _axis_labels(problem: Drawable) -> tuple[str, str]:
 
 
 def mechanism_sheet(title: str, problem: Drawable, u: Array) -> Sheet:
-    """A mechanism at a position: bodies, joints, ground, springs, dampers, torques.
-
-    Args:
-        title: Title of the figure.
-        problem: A problem that is a mechanism.
-        u: (n,) position.
-    """
+    """A mechanism at position u (n,): bodies, joints, ground, springs, dampers, torques."""
     x_label, y_label = _axis_labels(problem)
     return Sheet(
         title,
@@ -216,27 +210,17 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
 
 def _along(places: Any, step: float) -> Array:
     """Places on a line, not farther from each other than a step."""
-    found = [np.asarray(places)]
+    parts = [np.asarray(places)]
     for start, end in itertools.pairwise(places):
         share = np.linspace(0, 1, math.ceil(abs(end - start) / step) + 1)
-        found.append(start + share * (end - start))
-    return np.concatenate(found)
+        parts.append(start + share * (end - start))
+    return np.concatenate(parts)
 
 
 def animation(
     titles: Sequence[str], problem: Drawable, positions: Sequence[Array], stem: Path
 ) -> Path:
-    """Write a looping GIF of a mechanism.
-
-    Args:
-        titles: Title of each frame.
-        problem: A problem that is a mechanism.
-        positions: (n,) position of each frame.
-        stem: File.
-
-    Returns:
-        The file.
-    """
+    """Write a looping GIF of a mechanism, a title and a position (n,) for each frame."""
     with settled(_WITHOUT_TICKS):
         drawing = Figure(figsize=(WIDTH, 3.5), dpi=110)
         axes = drawing.add_axes((0.155, 0.11, 0.825, 0.83))

@@ -32,12 +32,12 @@ def latex(text: str) -> str:
 
 
 def _text(text: str) -> str:
-    found = latex_text(text.replace(r"\$", "$"))
-    found = _SUPERSCRIPT.sub(lambda m: rf"\ensuremath{{^{{{m[0].translate(_SMALL)}}}}}", found)
-    found = re.sub("(.)\u0304", lambda m: rf"\ensuremath{{\bar {_sign(m[1])}}}", found)
+    tex = latex_text(text.replace(r"\$", "$"))
+    tex = _SUPERSCRIPT.sub(lambda m: rf"\ensuremath{{^{{{m[0].translate(_SMALL)}}}}}", tex)
+    tex = re.sub("(.)\u0304", lambda m: rf"\ensuremath{{\bar {_sign(m[1])}}}", tex)
     return "".join(
         letter if letter.isascii() or not _sign(letter) else rf"\ensuremath{{{_sign(letter)}}}"
-        for letter in found
+        for letter in tex
     )
 
 

@@ -38,52 +38,65 @@ ANY = Choice()
 def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chosen:
     """Figures that are meant by names, or all that the results are enough for.
 
-    Args:
-        names: Of figures and studies; a name that is both is the figure's.
-        results: What they are made from; their series are not needed for named mechanisms.
-
-    Raises:
-        InputError: For a name that there is not, and when nothing is left.
-        ResultsError: When results of a study that is named are missing or cannot be used.
+    A name of a figure and a study is the figure's; named mechanisms need no series.
     """
     studies = list(dict.fromkeys(slope.study for slope in results.slopes))
     choice.require(results.slopes)
     notes: list[str] = []
-    found: list[Figure] = []
     if names:
         numbered = _numbered(studies, results)
-        for name in dict.fromkeys(names):
-            if name in numbered:
-                found += [numbered[name]] if _whole(numbered[name], choice) else []
-                if name in studies and numbered[name].study != name:
-                    notes.append(f"{name!r} is a figure and a study: the figure is drawn")
-            elif name in studies:
-                found += _of_study(name, results, choice, notes)
-            else:
-                # The figure whose files have the name, of those that results arrange themselves.
-                ours = (study for study in studies if name.startswith(f"{study}-"))
-                every = Choice(everything=True)
-                several = (f for study in ours for f in _of_study(study, results, every, []))
-                named = [figure for figure in several if stem(figure) == name]
-                if not named:
-                    raise _unknown(name, studies, results)
-                found += named
+        several = (
+            _named(one, numbered, studies, results, choice, notes) for one in dict.fromkeys(names)
+        )
+        figures = [figure for found in several for figure in found]
     else:
-        given, lacking = enough(results)
-        found = [figure for figure in given if _whole(figure, choice)]
-        for study in studies:
-            # Only when they are asked for: the paper makes tables of them.
-            if not of_studies([study]) and (study not in TABLED or choice):
-                found += _of_study(study, results, choice, notes)
-        shipped = {*TABLED, *(figure.study for figure in FIGURES.values())}
-        if lacking and not choice and (not found or shipped & set(studies)):
-            notes.append(how_to_get(lacking))
-    if choice and not found:
+        figures = _every(studies, results, choice, notes)
+    if choice and not figures:
         why = f" ({COSTS[results.cost].lacking})" if WORK_PRECISION in choice.kinds else ""
         raise InputError(f"nothing to draw: no figure has all that the options choose{why}")
-    if names and not found:
+    if names and not figures:
         raise InputError(f"nothing to draw of {', '.join(names)}: no series has two step sizes")
-    return Chosen(list({id(figure): figure for figure in found}.values()), notes)
+    return Chosen(list({id(figure): figure for figure in figures}.values()), notes)
+
+
+def _named(
+    name: str,
+    numbered: Mapping[str, Figure],
+    studies: Sequence[str],
+    results: Results,
+    choice: Choice,
+    notes: list[str],
+) -> list[Figure]:
+    """Figures of a name: of a figure, a study, or the files of a figure that results arrange."""
+    if name in numbered:
+        figure = numbered[name]
+        if name in studies and figure.study != name:
+            notes.append(f"{name!r} is a figure and a study: the figure is drawn")
+        return [figure] if _whole(figure, choice) else []
+    if name in studies:
+        return _of_study(name, results, choice, notes)
+    ours = (study for study in studies if name.startswith(f"{study}-"))
+    every = Choice(everything=True)
+    several = (figure for study in ours for figure in _of_study(study, results, every, []))
+    if figures := [figure for figure in several if stem(figure) == name]:
+        return figures
+    raise _unknown(name, studies, results)
+
+
+def _every(
+    studies: Sequence[str], results: Results, choice: Choice, notes: list[str]
+) -> list[Figure]:
+    """All that the results are enough for."""
+    there, lacking = enough(results)
+    figures = [figure for figure in there if _whole(figure, choice)]
+    for study in studies:
+        # Only when they are asked for: the paper makes tables of them.
+        if not of_studies([study]) and (study not in TABLED or choice):
+            figures += _of_study(study, results, choice, notes)
+    shipped = {*TABLED, *(figure.study for figure in FIGURES.values())}
+    if lacking and not choice and (not figures or shipped & set(studies)):
+        notes.append(how_to_get(lacking))
+    return figures
 
 
 def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:
@@ -117,25 +130,25 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
     if own:
         return own
     defined = _defined(study, results)
-    found = [figure for figure in _own(study, defined) if _whole(figure, choice)]
-    found += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
-    if not found and defined:
-        found = automatic.figures(study, results, None, choice.keeps, choice.kinds)
+    figures = [figure for figure in _own(study, defined) if _whole(figure, choice)]
+    figures += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
+    if not figures and defined:
+        figures = automatic.figures(study, results, None, choice.keeps, choice.kinds)
     if defined is None and not choice and not choice.everything:
         few: dict[tuple[str, str], Figure] = {}
-        for figure in found:
+        for figure in figures:
             first = figure.curves[0]
             if figure.kind == "orders" and first.measure not in automatic.LAST:
                 few.setdefault((first.measure, first.quantity), figure)
-        rest = [stem(figure) for figure in found if figure not in few.values()]
+        rest = [stem(figure) for figure in figures if figure not in few.values()]
         if few and rest:
             more = f" and {len(rest) - NAMED} more" if len(rest) > NAMED else ""
             notes.append(
                 f"{study}: not drawn: {', '.join(rest[:NAMED])}{more}; name one, choose with "
                 "--measure, --form, …, or draw all with --all"
             )
-            found = list(few.values())
-    return found
+            figures = list(few.values())
+    return figures
 
 
 def _defined(study: str, results: Results) -> list[Definition] | None:
@@ -197,21 +210,12 @@ def plot(
     size: tuple[float, float | None] | None = None,
     style_file: Path | None = None,
 ) -> list[Path]:
-    """Draw figures into ``figures`` below the results folder.
-
-    Nothing is written unless all of them can be drawn.
+    """Draw figures into ``figures`` below the results folder, all of them or none.
 
     Args:
         formats: Of png, svg, pdf and pgf.
         size: Width and height of each (inch); as suits it when omitted, or None.
         style_file: Style file of matplotlib, over the project's style.
-
-    Returns:
-        The files.
-
-    Raises:
-        InputError: When the style cannot be used, or the size is too small.
-        ResultsError: When results are missing or cannot be used.
     """
     sheets: dict[str, Sheet] = {}
     for figure in figures:
@@ -223,14 +227,14 @@ def plot(
 
         settings = style.read(style_file)
     try:
-        found = rendering.rendered(list(sheets.values()), formats, size, settings)
+        drawn = rendering.rendered(list(sheets.values()), formats, size, settings)
     except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
         if style_file is None:
             raise
         raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
     contents = {
         results.folder / "figures" / f"{name}.{kind}": content
-        for name, files_of in zip(sheets, found, strict=True)
+        for name, files_of in zip(sheets, drawn, strict=True)
         for kind, content in files_of.items()
     }
     if contents:

@@ -34,16 +34,9 @@ def rendered(
     settings: Mapping[str, Any],
     processes: int | None = None,
 ) -> list[Files]:
-    """Files of figures, in their order.
+    """Files of figures of these kinds, in their order, of a size (inch) or as suits each.
 
-    Args:
-        kinds: Endings of the files, see `newmark_cli.report.drawing.style.rendered`.
-        size: Width and height of each (inch); as suits it when None.
-        processes: Most processes, this one among them; as many as there are processors
-            when omitted.
-
-    Raises:
-        InputError: When the size leaves no room for the panels.
+    By at most so many processes, this one among them; by default one for each processor.
     """
     count = max(min(processes or usable(), len(sheets) // _WORTH), 1)
     with ThreadPoolExecutor(count) as threads:

@@ -16,8 +16,7 @@ from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, power, spread
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
-from newmark_cli.report.reading.curves import Curve, floor_of
-from newmark_cli.report.reading.figures import Figure, Part
+from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
 from newmark_cli.report.reading.history import Recorded, read_recorded
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import SeriesKey
@@ -55,11 +54,7 @@ class Results:
         return Curve(curve.label, **chosen[0]) if len(chosen) == 1 else curve
 
     def series(self, figure: "Figure") -> dict[SeriesKey, Slope]:
-        """Series of a figure, in the order of its curves.
-
-        Raises:
-            ResultsError: When the results lack one.
-        """
+        """Series of a figure, in the order of its curves; `ResultsError` if one is missing."""
         missing = [curve.label for curve in figure.curves if curve.key not in self.by_key]
         if missing:
             raise lacks(self.folder / f"{figure.study}.csv", figure, missing)
@@ -76,11 +71,7 @@ def lacks(path: Path, figure: "Figure", missing: Iterable[str]) -> ResultsError:
 
 
 def require(figure: Figure, results: Results) -> None:
-    """See whether a figure is drawn where nobody asks for it by name.
-
-    Raises:
-        ResultsError: When the results are not enough; says what is missing.
-    """
+    """Refuse a figure that nobody asks for by name and the results are not enough for."""
     figure = results.settled(figure)
     if figure.kind == "mechanism":
         # A series of any study of this mechanism: no stranger's results are about it.
@@ -247,11 +238,11 @@ def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
         smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan
         cells.append((curve, figure.h or smallest))
     path, recorded = read_recorded(results.folder, figure.study, figure.kind, cells)
-    found = {c.key: one for c, one in zip(figure.curves, recorded, strict=True) if one}
-    missing = [curve.label for curve in figure.curves if curve.key not in found]
+    recorded_of = {c.key: one for c, one in zip(figure.curves, recorded, strict=True) if one}
+    missing = [curve.label for curve in figure.curves if curve.key not in recorded_of]
     if missing:
         raise lacks(path, figure, missing)
-    return found
+    return recorded_of
 
 
 def _history_look(place: int, count: int) -> Look:
@@ -267,8 +258,8 @@ def _history(figure: Figure, results: Results) -> Sheet:
 
     Of the multipliers the one of a joint is drawn that is largest in the last curve.
     """
-    found = _over_time(figure, results)
-    histories = [found[curve.key] for curve in figure.curves]
+    recorded = _over_time(figure, results)
+    histories = [recorded[curve.key] for curve in figure.curves]
     # What keeps a body of directors rigid is no reaction.
     reaction = np.array(["·" not in name for name in histories[-1].names])
     largest = np.max(np.abs(histories[-1].values), axis=0)
@@ -317,13 +308,13 @@ def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
 
 def _drift(figure: Figure, results: Results) -> Sheet:
     """Misfits over time on logarithmic ordinates: they differ by ten powers of ten."""
-    found = _over_time(figure, results)
+    recorded = _over_time(figure, results)
     labels = list(dict.fromkeys(curve.label for curve in figure.curves))
     panels = []
     for part in figure.parts:
         drawn = []
         for curve in part.curves:
-            drift = found[curve.key]
+            drift = recorded[curve.key]
             values = drift.values[:, DRIFTS.index(curve.quantity)]
             shown = np.where(values < _LEAST_DRIFT, np.nan, values)
             said = f"{part.title}, {curve.label}: up to {np.max(values):.2g}"

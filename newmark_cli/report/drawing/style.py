@@ -64,11 +64,7 @@ def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Settings of a style file of matplotlib, without those that are not a matter of style.
-
-    Raises:
-        InputError: When it is missing, or has a line that matplotlib does not understand.
-    """
+    """Settings of a style file of matplotlib, without those that are not a matter of style."""
     told: list[str] = []
     listener = logging.Handler()
     listener.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]
@@ -79,7 +75,7 @@ def read(path: Path) -> dict[str, Any]:
     try:
         # matplotlib would look for a name that is no file on the network, and wait for a pipe
         files.read(path, 1 << 20, links=True)
-        found = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
+        settings = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
     except OSError as error:
         raise InputError(f"--style {path}: cannot be read: {error.strerror}") from None
     except (UnicodeDecodeError, ValueError) as error:
@@ -89,34 +85,26 @@ def read(path: Path) -> dict[str, Any]:
         logger.propagate = before
     if told:
         raise InputError(f"--style {path}: not a style of matplotlib: {' '.join(told[0].split())}")
-    return {key: value for key, value in found.items() if key not in _NOT_STYLE}
+    return {key: value for key, value in settings.items() if key not in _NOT_STYLE}
 
 
 def checked(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a figure as a config has them; a cycle is lists by property.
-
-    Raises:
-        InputError: When matplotlib does not understand one.
-    """
-    found: Any = mpl.RcParams()
+    """Settings of a figure as a config has them; a cycle is lists by property."""
+    settings: Any = mpl.RcParams()
     for key, value in given.items():
         try:
             if key in _NOT_STYLE:
                 raise KeyError(key)
             # Never from text, which matplotlib would evaluate.
-            found[key] = cycler(**value) if key == "axes.prop_cycle" else value
+            settings[key] = cycler(**value) if key == "axes.prop_cycle" else value
         except (KeyError, TypeError, ValueError) as error:
             told = " ".join(str(error).split())
             raise InputError(f"style: {key}: not a setting of matplotlib: {told}") from None
-    return dict(found)
+    return dict(settings)
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure of a results folder as PNG and SVG, the same bytes each time.
-
-    Returns:
-        The files, ``figures/<name>.png`` and ``.svg``.
-    """
+    """Write a figure of a results folder as PNG and SVG, the same bytes each time."""
     files.make_folder(folder / "figures", folder, parents=True)
     written = []
     for kind in ("png", "svg"):

@@ -72,13 +72,7 @@ def panel(
     titles: tuple[str, ...],
     every: Sequence[Slope],
 ) -> Panel:
-    """Series of one measure against the step size, beside their predicted slopes.
-
-    Args:
-        traces: A trace of each, in the order of the legend.
-        titles: What tells the panel from others.
-        every: Series whose panels have the same ordinate.
-    """
+    """Traces of series of one measure beside their predicted slopes; the ordinate suits `every`."""
     record = slopes[0].record
     values = [slope.values for slope in every]
     if record.linear:

@@ -55,13 +55,13 @@ def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
     """Costs of the cells behind the points of series, from the records of their studies."""
     key = COSTS[results.cost].key
     studies = dict.fromkeys(slope.study for slope in slopes)
-    found = {
+    of_study = {
         study: _of_cells(records.known(results.folder / f"{study}.csv"), key) for study in studies
     }
     return {
         slope.key: np.array(
             [
-                found[slope.study].get((*_cell(slope.key.named()), h, steps), np.nan)
+                of_study[slope.study].get((*_cell(slope.key.named()), h, steps), np.nan)
                 for h, steps in zip(slope.h.tolist(), slope.steps.tolist(), strict=True)
             ]
         )
@@ -70,12 +70,12 @@ def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
 
 
 def _of_cells(record: Mapping[str, Any], key: str) -> dict[tuple[Any, ...], float]:
-    found = {}
+    costs_of = {}
     for cell in records.cells_of(record):
         if isinstance(cell.get("h"), int | float) and isinstance(cell.get("steps"), int):
             place = *_cell(cell), float(cell["h"]), float(cell["steps"])
-            found[place] = records.number(cell, key)
-    return found
+            costs_of[place] = records.number(cell, key)
+    return costs_of
 
 
 def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
@@ -88,19 +88,15 @@ def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def costed(figure: "Figure", results: "Results") -> tuple[Mapping[SeriesKey, "Slope"], Costs]:
-    """Series of a figure, and costs of their cells.
-
-    Raises:
-        ResultsError: When a series is missing, or has no costs.
-    """
+    """Series of a figure, and costs of their cells; raises `ResultsError` if one has none."""
     slopes = results.series(figure)
-    found = costs(results, list(slopes.values()))
-    if not all(np.isfinite(found[key]).any() for key in slopes):
+    spent = costs(results, list(slopes.values()))
+    if not all(np.isfinite(spent[key]).any() for key in slopes):
         raise ResultsError(
             f"{results.folder / figure.study}.json: figure {figure.name}: "
             f"{COSTS[results.cost].lacking}"
         )
-    return slopes, found
+    return slopes, spent
 
 
 def ends(slope: "Slope", spent: Array, cost: Cost) -> str:

@@ -21,7 +21,7 @@ from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders, gathered
 from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, SHOWN, UNDECIDED, joined
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.curves import floor_of
+from newmark_cli.report.reading.figures import floor_of
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
@@ -105,12 +105,8 @@ def own(found: Iterable[Expected]) -> list[Expected]:
 
 
 def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
-    """Expectations of the studies that series are of, each for every series that it matches.
-
-    Raises:
-        ResultsError: When a record's expectations are not as a run has written them.
-    """
-    found: list[Expected] = []
+    """Expectations of the studies that series are of, each for every series that it matches."""
+    judged: list[Expected] = []
     for study in dict.fromkeys(slope.study for slope in slopes):
         path = folder / f"{study}.csv"
         record = records.known(path)
@@ -121,9 +117,9 @@ def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
         ours = {slope.key: slope for slope in slopes if slope.study == study}
         for expectation in given:
             place = _place(record, expectation.number)
-            found += expected(study, expectation, ours, path, place)
-        found += _floors(study, ours)
-    return found
+            judged += expected(study, expectation, ours, path, place)
+        judged += _floors(study, ours)
+    return judged
 
 
 def expected(
@@ -205,12 +201,12 @@ def _judged(wanted: Expectation, slope: Slope) -> Iterator[tuple[str, _Finding]]
 def _level(values: Callable[[], Array], low: float, high: float) -> _Finding:
     """Of several values the one that is farthest beyond a bound, or else nearest to one."""
     try:
-        found = values()
+        levels = values()
     except _NoDataError as lacking:
         return "", math.nan, INCOMPLETE, str(lacking)
     with np.errstate(divide="ignore", invalid="ignore"):
-        beyond = np.fmax(low / found, found / high)
-    value = float(found[np.argmax(beyond)])
+        beyond = np.fmax(low / levels, levels / high)
+    value = float(levels[np.argmax(beyond)])
     return f"{value:.3g}", value, PASS if low <= value <= high else MISS, ""
 
 
@@ -240,7 +236,7 @@ def _quotients(
     wanted: Expectation, matched: Iterable[Slope], ours: Mapping[SeriesKey, Slope]
 ) -> Array:
     """Quotients of all series and their divisors, at one step size or each."""
-    found = []
+    quotients = []
     for slope in matched:
         divisor = ours.get(wanted.divisor(slope.key))
         if divisor is None:
@@ -252,8 +248,8 @@ def _quotients(
             raise _NoDataError(f"{series_name(slope)}, and its divisor: at different step sizes")
         if np.any(below == 0):
             raise _NoDataError(f"{series_name(divisor)}: zero")
-        found.append(above / below)
-    return np.concatenate(found)
+        quotients.append(above / below)
+    return np.concatenate(quotients)
 
 
 def _spread(slope: Slope) -> Array:
@@ -301,11 +297,11 @@ def _floors(study: str, ours: Mapping[SeriesKey, Slope]) -> Iterator[Expected]:
     said = f"nine in ten within a factor of {_NEAR:g}, all within {_FAR:.2g}"
     judged: _Finding = "", math.nan, INCOMPLETE, "no step size with both"
     if quotients:
-        found = np.array(quotients)
-        beyond = np.fmax(found, 1 / found)
-        share, worst = float(np.mean(beyond <= _NEAR)), float(found[np.argmax(beyond)])
+        ratios = np.array(quotients)
+        beyond = np.fmax(ratios, 1 / ratios)
+        share, worst = float(np.mean(beyond <= _NEAR)), float(ratios[np.argmax(beyond)])
         verdict = PASS if share >= 0.9 and beyond.max() <= _FAR else MISS
-        judged = f"{share:.0%} of {len(found)}, worst {worst:.3g}", worst, verdict, ""
+        judged = f"{share:.0%} of {len(ratios)}, worst {worst:.3g}", worst, verdict, ""
     shown = ", ".join(dict.fromkeys(quantity(slope) for _, slope in pairs))
     label = "predicted / measured correction"
     yield Expected(study, 0, "floor", None, label, said, *judged, shown)

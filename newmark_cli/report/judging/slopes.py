@@ -41,13 +41,12 @@ from newmark_cli.study.reading import (
     SERIES,
     Motion,
     Table,
-    accepted_statuses,
-    motions,
+    facts,
     read_rows,
-    released,
     study_files,
 )
 from newmark_cli.study.results import NUMBERS, ROUNDING
+from newmark_cli.study.tabulating import VALUES
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, ResultsError
@@ -70,17 +69,11 @@ COLUMNS = axes.appended(
 #: What each column holds.
 ABOUT: Mapping[str, str] = {
     **{each.name: each.shows or each.about for each in axes.series_axes() if each.column},
+    **VALUES,
     "figure": "figures that draw the series",
-    "slope": "fitted slope",
-    "stderr": "its standard error",
-    "points": "how many step sizes the fit is for",
     "expected": "predicted order; empty where theory predicts none",
     "tolerance": "largest |slope − expected| that passes",
     "verdict": "see the verdicts in “Reading results”",
-    "h_from": "largest step size of the fit",
-    "h_to": "smallest step size of the fit",
-    "local_orders": "orders between successive step sizes",
-    "reason": "why the verdict is not a plain pass",
 }
 
 
@@ -159,11 +152,7 @@ class Slope:
 
 
 def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
-    """Slopes of every series in a results folder.
-
-    Raises:
-        ResultsError: When a CSV is missing or cannot be used.
-    """
+    """Slopes of every series in a results folder."""
     given = None if studies is None else [folder / f"{name}.csv" for name in studies]
     for file in given or ():
         if not file.exists():
@@ -186,9 +175,9 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     places: dict[tuple[Any, ...], list[int]] = {}
     for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
         places.setdefault(values, []).append(place)
-    accepted = ("ok", *accepted_statuses(path))
-    moved, dropped = motions(path), released(path)
-    found = []
+    recorded = facts(path)
+    accepted = ("ok", *recorded.accepted)
+    slopes = []
     for values, at in places.items():
         *named, start = values
         rows = {name: [columns[name][place] for place in at] for name in _READ}
@@ -196,13 +185,15 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
         role = str(row["role"])
         if key.measure:
-            of_motion = moved.get(key.problem, Motion())
+            of_motion = recorded.motions.get(key.problem, Motion())
             points = len(sizes[cases[at[0]]])
             series = partial(_slope, key, role, rows, points, accepted, path, of_motion)
-            found.append(replace(_shared(series(), dropped.get(key.problem)), rejudged=series))
+            slopes.append(
+                replace(_shared(series(), recorded.released.get(key.problem)), rejudged=series)
+            )
         elif not set(rows["status"]) <= set(accepted):
-            found.append(_failed(key, role))
-    return found
+            slopes.append(_failed(key, role))
+    return slopes
 
 
 def write(folder: Path, slopes: Sequence[Slope]) -> None:
@@ -262,13 +253,13 @@ def _slope(
         expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
         # The order of a user is neither a bound nor met by zeros.
         exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
-    found = _judged(key, record, rows, values, expected, tolerance, points, exact)
+    judgement = _judged(key, record, rows, values, expected, tolerance, points, exact)
     steps, rounding = (np.array(rows[name], float) for name in ("steps", ROUNDING))
     # Where theory predicts an order, nobody can accept another.
-    ends_as_accepted = found.verdict == NOT_CONVERGING and "not_converging" in accepted
+    ends_as_accepted = judgement.verdict == NOT_CONVERGING and "not_converging" in accepted
     slope = Slope(
-        figures, key, role, h, steps, values, rounding, statuses, found.fitted, found.fit,
-        expected, tolerance, found.verdict, found.reason,
+        figures, key, role, h, steps, values, rounding, statuses, judgement.fitted, judgement.fit,
+        expected, tolerance, judgement.verdict, judgement.reason,
         accepted=ends_as_accepted and bool(np.isnan(expected)),
     )  # fmt: skip
     return _moved(_resolved(slope), of_motion.singular, of_motion.still)
@@ -361,10 +352,10 @@ def _judged(
         largest=np.array(rows["max"], float)[order],
         undamped=key.quantity in OF_MULTIPLIERS and record.alternates(key),
     )
-    found = judge(evidence)
+    judgement = judge(evidence)
     fitted = np.empty(len(h), bool)
-    fitted[order] = found.fitted
-    return replace(found, fitted=fitted)
+    fitted[order] = judgement.fitted
+    return replace(judgement, fitted=fitted)
 
 
 #: Relative standard deviation by which the place of h between powers of two changes what

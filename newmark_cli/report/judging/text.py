@@ -25,10 +25,7 @@ _WORD = 20
 #: Spaces between two columns.
 _GAP = 2
 #: Colours of words on a terminal.
-_COLOURS = {
-    UNDECIDED: "yellow",
-    **dict.fromkeys((*STATUSES[1:], *FAILING), "red"),
-}
+_COLOURS = {UNDECIDED: "yellow", **dict.fromkeys((*STATUSES[1:], *FAILING), "red")}
 
 
 def width() -> int:
@@ -108,11 +105,11 @@ def _widths(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
     from rich.cells import cell_len
 
     columns = zip(*(row for row in rows if len(row) > 1 or len(rows[0]) == 1), strict=True)
-    found = []
+    widths = []
     for column in columns:
         word = _longest(column, str.split, cell_len)
-        found.append((min(word, _WORD), _longest(column, str.splitlines, cell_len)))
-    return found
+        widths.append((min(word, _WORD), _longest(column, str.splitlines, cell_len)))
+    return widths
 
 
 def _longest(
@@ -124,14 +121,14 @@ def _longest(
 def fitted(rows: Sequence[Sequence[str]], room: int) -> list[int]:
     """Widths of columns that fit: the widest give way first, and break words last."""
     widths = _widths(rows)
-    found = [most for _, most in widths]
-    while sum(found) + _GAP * (len(found) - 1) > room:
-        above = [i for i, (least, _) in enumerate(widths) if found[i] > least]
-        widest = max(above or range(len(found)), key=found.__getitem__)
-        if found[widest] == 1:
+    fitting = [most for _, most in widths]
+    while sum(fitting) + _GAP * (len(fitting) - 1) > room:
+        above = [i for i, (least, _) in enumerate(widths) if fitting[i] > least]
+        widest = max(above or range(len(fitting)), key=fitting.__getitem__)
+        if fitting[widest] == 1:
             break
-        found[widest] -= 1
-    return found
+        fitting[widest] -= 1
+    return fitting
 
 
 def _laid_out(rows: Sequence[Sequence[str]], room: int) -> str:
@@ -172,10 +169,10 @@ def gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list
     below: dict[str, list[tuple[str, ...]]] = {}
     for above, *row in rows:
         below.setdefault(above, []).append(tuple(row))
-    found = [headings]
+    lines = [headings]
     for above, gathered in below.items():
-        found += [("",), (above,), *gathered]
-    return found
+        lines += [("",), (above,), *gathered]
+    return lines
 
 
 def format_orders(slope: "Slope") -> str:

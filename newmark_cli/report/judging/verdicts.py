@@ -95,22 +95,22 @@ def judge(given: Evidence) -> Judgement:
     alike = np.minimum(_CLEAR, 1 / np.sqrt(np.maximum(given.steps, 1.0)))
     clear, told = _above(given, alike)
     unknown = bool(np.isnan(given.uncertainty).any())
-    found = None
+    judgement = None
     if given.kind == "truncation" and _stalls(given, clear):
-        found = _not_converging(given, clear)
+        judgement = _not_converging(given, clear)
     if math.isnan(given.expected):
         seen, left = _above(given, _CLEAR)
         shown = _judged(given, SHOWN, seen, left if given.kind == "truncation" else "")
-        return found if found and not unknown else shown
+        return judgement if judgement and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for share in (RULED, _CLEAR, alike):
         if passed := _passed(given, *_above(given, share)):
             return passed
-    found = found or _missed(given, clear, told)
-    if found.verdict != UNDECIDED and unknown:
-        reason = joined(found.reason, "its rounding was not measured, which twins do")
-        return Judgement(UNDECIDED, found.fit, found.fitted, reason)
-    return found
+    judgement = judgement or _missed(given, clear, told)
+    if judgement.verdict != UNDECIDED and unknown:
+        reason = joined(judgement.reason, "its rounding was not measured, which twins do")
+        return Judgement(UNDECIDED, judgement.fit, judgement.fitted, reason)
+    return judgement
 
 
 def _judged(given: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:

@@ -1,6 +1,6 @@
 """Series as options of a command choose them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,27 @@ from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
+
+
+def at(slope: "Slope", axes: Iterable[str]) -> tuple[str, ...]:
+    """Values of a series along axes."""
+    return tuple(getattr(slope, axis) for axis in axes)
+
+
+def grouped(slopes: Iterable["Slope"], axes: Sequence[str]) -> dict[tuple[str, ...], list["Slope"]]:
+    """Values along axes → the series that have them."""
+    groups: dict[tuple[str, ...], list[Slope]] = {}
+    for slope in slopes:
+        groups.setdefault(at(slope, axes), []).append(slope)
+    return groups
+
+
+def is_among(slope: "Slope", choice: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a series is chosen, axis → values; a scaling of one's own may go by its name."""
+    return all(
+        {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & {*values}
+        for axis, values in choice.items()
+    )
 
 
 @dataclass(frozen=True)
@@ -44,11 +65,7 @@ class Choice:
         return self.keeps(series) and series.measure in (self.kinds or (series.measure,))
 
     def require(self, slopes: Sequence["Slope"]) -> None:
-        """Refuse a word that no series of the results is meant by.
-
-        Raises:
-            InputError: Names the option, and what it can be.
-        """
+        """Refuse a word that no series of the results is meant by."""
         for name in self.measures:
             if name not in SHOWABLE:
                 raise InputError(f"--measure: unknown measure {name!r}{nearest(name, SHOWABLE)}")

@@ -4,16 +4,47 @@ The shipped configs define those of the paper and past it, with a number; any co
 others.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import Any
 
-from newmark_cli.report.reading.curves import Curve
 from newmark_cli.report.reading.words import means, value_text
 from newmark_cli.study import shipped
+from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
+from newmark_cli.study.measures import FLOOR_OF
+
+
+class Curve:
+    """One series, and its name in a legend; every axis is an attribute, as in the CSV.
+
+    Attributes:
+        label: Name in a legend and in claims.
+        named: Axes that were named besides study, problem, quantity and measure.
+        key: What finds the series.
+    """
+
+    def __init__(
+        self, label: str, study: str, problem: str, quantity: str, measure: str, **axes: str
+    ) -> None:
+        """Take a label and axes; the (u, λ) form without scaling unless they say otherwise."""
+        usual = {"form": "u-lambda", "preconditioning": "none"}
+        where = {"study": study, "problem": problem, "quantity": quantity, "measure": measure}
+        self.label, self.named = label, frozenset(axes)
+        self.key = SeriesKey.of(usual | where | axes)
+
+    def __getattr__(self, name: str) -> str:
+        if name == "key":
+            raise AttributeError(name)
+        return str(getattr(self.key, name))
+
+
+def floor_of(key: SeriesKey) -> SeriesKey | None:
+    """The series that predicts a measured one; None for what has no floor."""
+    measure = FLOOR_OF.get(key.measure)
+    return SeriesKey.of(key.named() | {"measure": measure}) if measure else None
 
 
 @dataclass(frozen=True)
@@ -58,101 +89,99 @@ class Figure:
         return tuple(curve for part in self.parts for curve in part.curves)
 
 
-def label_of(given: Definition, axis: str, value: str) -> str:
+def label_of(definition: Definition, axis: str, value: str) -> str:
     """A value of an axis as a definition names it, or as people write it."""
-    named = (text for word, text in given.labels.items() if means(axis, word, value))
-    return next(named, value_text(axis, value))
+    labels = (text for word, text in definition.labels.items() if means(axis, word, value))
+    return next(labels, value_text(axis, value))
 
 
-def curve_of(given: Definition, names: Iterable[str], where: Mapping[str, str]) -> Curve:
+def curve_of(definition: Definition, axes: Iterable[str], where: Mapping[str, str]) -> Curve:
     """A series that a definition shows, named by axes."""
-    labels = [label_of(given, axis, where[axis]) for axis in names if where.get(axis)]
+    labels = [label_of(definition, axis, where[axis]) for axis in axes if where.get(axis)]
     return Curve(", ".join(labels), **where)
 
 
-def looks_of(given: Definition, curves: Iterable[Curve]) -> dict[str, Mapping[str, str]]:
+def looks_of(definition: Definition, curves: Iterable[Curve]) -> dict[str, Mapping[str, str]]:
     """Label of a series → the colour and the marker that a definition gives it."""
-    lines = {line.label: line.look for line in given.curves if line.look}
     colors = {
         curve.label: {"color": color}
         for curve in curves
-        for word, color in given.colors.items()
+        for word, color in definition.colors.items()
         if word == curve.label
         or any(means(axis, word, value) for axis, value in curve.key.named().items() if value)
     }
-    return colors | lines
+    return colors | {line.label: line.look for line in definition.curves if line.look}
 
 
-def explicit(study: str, given: Definition) -> Figure:
+def side_by_side(panels: int) -> int:
+    """How many of so many panels stand side by side."""
+    return {1: 1, 2: 1, 4: 2}.get(panels, 3)
+
+
+def explicit(study: str, definition: Definition) -> Figure:
     """The figure of a definition that names all its series."""
-    kind = given.kind or ("work" if given.kinds == (WORK_PRECISION,) else "orders")
-    measure = "error" if kind == "work" else given.kinds[0] if given.kinds else ""
-    lines = given.curves or ((Line(),) if given.series else ())
-    parts: dict[tuple[str, ...], list[Curve]] = {}
-    several = given.panels or ()
-    groups = dict.fromkeys(line.panel for line in lines)
-    for at in product(*(given.choice[axis] for axis in several)):
-        for group in groups:
-            for line in lines:
-                values = {**given.choice, **line.choice}
-                there = all(v in values[a] for a, v in zip(several, at, strict=True))
-                if line.panel != group or not there:
-                    continue
-                values |= {axis: (value,) for axis, value in zip(several, at, strict=True)}
-                for named in product(*values.values()):
-                    where = dict(zip(values, named, strict=True))
-                    where = {"study": study, "measure": measure, **where}
-                    curve = curve_of(given, given.series or (), where)
-                    curve.label = line.label or curve.label
-                    parts.setdefault((*at, group), []).append(curve)
-    labels = {group: {line.label for line in lines if line.panel == group} for group in groups}
-    apart = sum(map(len, labels.values())) == len(set().union(*labels.values()))
-    titles = {
-        key: tuple(
-            filter(
-                None, (*(label_of(given, *at) for at in zip(several, key, strict=False)), key[-1])
-            )
-        )
-        for key in parts
-    }
-    columns = given.columns or {1: 1, 2: 1, 4: 2}.get(len(parts), 3)
+    kind = definition.kind or ("work" if definition.kinds == (WORK_PRECISION,) else "orders")
+    measure = "error" if kind == "work" else next(iter(definition.kinds), "")
+    parts = list(_parts(definition, {"study": study, "measure": measure}))
     return Figure(
-        given.figure,
-        given.title or "",
+        definition.figure,
+        definition.title or "",
         study,
-        tuple(
-            Part(titles[key], tuple(curves), key[-1] if apart else "")
-            for key, curves in parts.items()
-        ),
-        columns,
+        tuple(parts),
+        definition.columns or side_by_side(len(parts)),
         kind,
-        given.choice.get("problem", ("",))[0],
-        given.note,
-        given.h,
-        given.within,
-        in_paper=given.within is not None and given.figure.isdigit(),
+        definition.choice.get("problem", ("",))[0],
+        definition.note,
+        definition.h,
+        definition.within,
+        in_paper=definition.within is not None and definition.figure.isdigit(),
         numbered=True,
-        looks=looks_of(given, (curve for curves in parts.values() for curve in curves)),
-        style=given.style,
+        looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
+        style=definition.style,
     )
 
 
+def _parts(definition: Definition, of_all: Mapping[str, str]) -> Iterator[Part]:
+    """Panels: one for each combination of the axes that tell them apart, and group of series."""
+    lines = definition.curves or ((Line(),) if definition.series else ())
+    groups = dict.fromkeys(line.panel for line in lines)
+    # Where groups share no label, each has a legend of its own.
+    labels = {(line.panel, line.label) for line in lines}
+    apart = len(labels) == len({line.label for line in lines})
+    axes = definition.panels or ()
+    for *values, group in product(*(definition.choice[axis] for axis in axes), groups):
+        at = dict(zip(axes, values, strict=True))
+        ours = (line for line in lines if line.panel == group)
+        curves = tuple(c for line in ours for c in _curves(definition, line, at, of_all))
+        titles = (*(label_of(definition, *of_axis) for of_axis in at.items()), group)
+        if curves:
+            yield Part(tuple(filter(None, titles)), curves, group if apart else "")
+
+
+def _curves(
+    definition: Definition, line: Line, at: Mapping[str, str], of_all: Mapping[str, str]
+) -> Iterator[Curve]:
+    """Series of a line in the panel at some values of axes."""
+    choice = {**definition.choice, **line.choice}
+    if all(value in choice[axis] for axis, value in at.items()):
+        choice |= {axis: (value,) for axis, value in at.items()}
+        for values in product(*choice.values()):
+            where = {**of_all, **dict(zip(choice, values, strict=True))}
+            curve = curve_of(definition, definition.series or (), where)
+            curve.label = line.label or curve.label
+            yield curve
+
+
 def _shipped() -> dict[str, Figure]:
-    found = [
+    figures = [
         explicit(study, definition)
         for study, data in shipped.configs().items()
         for definition in definitions(data) or ()
         if definition.figure
     ]
-    return {
-        figure.name: figure
-        for figure in sorted(found, key=lambda each: (_place(each.name), each.name))
-    }
-
-
-def _place(name: str) -> float:
-    """Numbers by their size; a word behind those of the paper."""
-    return float(name) if name.isdigit() else 9.5
+    # Numbers by their size; a word behind those of the paper.
+    figures.sort(key=lambda each: (float(each.name) if each.name.isdigit() else 9.5, each.name))
+    return {figure.name: figure for figure in figures}
 
 
 #: The figures of the shipped studies by name.

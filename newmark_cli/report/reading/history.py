@@ -1,14 +1,14 @@
 """What cells record over time, multipliers and drifts: reading them back."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from newmark_cli.newmark.kept import ENERGY, OUTPUT
-from newmark_cli.report.reading.curves import Curve
+from newmark_cli.report.reading.figures import Curve
 from newmark_cli.study import axes
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.study.measures import LAMBDA
@@ -42,28 +42,12 @@ def read_recorded(
 ) -> tuple[Path, list[Recorded | None]]:
     """The file of a study, and what it has of cells; None for one that is not there.
 
-    Args:
-        folder: Results folder.
-        study: Name of the study.
-        kind: history or drift.
-        cells: Which cells: a curve, and a step size (s) of it.
-
-    Raises:
-        ResultsError: When the file is missing, truncated or of another schema.
+    The kind is history or drift; a cell is a series, and a step size (s) of it.
     """
     path = drift_path(folder, study) if kind == "drift" else history_path(folder, study)
     content = read(folder / f"{study}.csv", series=True)[path]
     frame = read_csv(path, HISTORY_COLUMNS, content=content)
-    names = [n for n in frame.columns if n not in (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)]
-    if kind == "drift":
-        if tuple(names) != DRIFTS:
-            raise ResultsError(f"{path}, line 1: the columns after t must be {', '.join(DRIFTS)}")
-    else:
-        names = [n for n in names if n != ENERGY and not n.startswith(f"{OUTPUT}[")]
-        # Files of older versions number the multipliers.
-        if not names or not all(re.fullmatch(rf"{LAMBDA}(\[.+\]|_\d+)", name) for name in names):
-            text = "the columns after t must be lambda[name of a constraint]"
-            raise ResultsError(f"{path}, line 1: {text}, given {', '.join(names) or 'none'}")
+    names = _recorded_names(path, kind, frame.columns)
     values = {
         name: np.array([number(path, line, name, text) for line, text in frame[name].items()])
         for name in ("h", "t", *names)
@@ -73,18 +57,34 @@ def read_recorded(
         for axis in (axes.STUDY, *axes.cell_axes())
         if axis.series and axis.name in frame.columns
     }
-    found: list[Recorded | None] = []
+    recorded: list[Recorded | None] = []
     for curve, h in cells:
         rows = np.isclose(values["h"], h, rtol=1e-9, atol=0)
-        for name, given in labels.items():
+        for name, spelled in labels.items():
             # Of a plain text NumPy drops zeros at the end.
-            rows &= given == np.array(getattr(curve, name), object)
+            rows &= spelled == np.array(getattr(curve, name), object)
         table = np.column_stack([values[name][rows] for name in ("t", *names)])
         # Problems with fewer multipliers leave the last columns empty.
         there = ~np.isnan(table).all(axis=0)
         table = table[np.argsort(table[:, 0])][:, there]
         # The constraint of ``lambda[bars.link]``, or the number of ``lambda_1``.
-        own = (n.removeprefix(LAMBDA).strip("[]_") for n, kept in zip(names, there[1:], strict=True)
-               if kept)  # fmt: skip
-        found.append(Recorded(table[:, 0], table[:, 1:], tuple(own)) if table.size else None)
-    return path, found
+        own = (names[i].removeprefix(LAMBDA).strip("[]_") for i in np.flatnonzero(there[1:]))
+        recorded.append(Recorded(table[:, 0], table[:, 1:], tuple(own)) if table.size else None)
+    return path, recorded
+
+
+def _recorded_names(path: Path, kind: str, columns: Iterable[str]) -> list[str]:
+    """Columns of a file that hold drifts or multipliers; refuses others."""
+    names = [n for n in columns if n not in (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)]
+    if kind == "drift":
+        allowed, usable = ", ".join(DRIFTS), tuple(names) == DRIFTS
+        given = ""
+    else:
+        names = [n for n in names if n != ENERGY and not n.startswith(f"{OUTPUT}[")]
+        # Files of older versions number the multipliers.
+        usable = bool(names) and all(re.fullmatch(rf"{LAMBDA}(\[.+\]|_\d+)", n) for n in names)
+        allowed = "lambda[name of a constraint]"
+        given = f", given {', '.join(names) or 'none'}"
+    if not usable:
+        raise ResultsError(f"{path}, line 1: the columns after t must be {allowed}{given}")
+    return names

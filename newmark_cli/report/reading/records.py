@@ -10,7 +10,7 @@ import newmark_cli
 from newmark_cli.report.reading.words import counted
 from newmark_cli.study import axes, results
 from newmark_cli.study.provenance import checksum, merged
-from newmark_cli.study.reading import NOT_STUDIES, require_known, study_files
+from newmark_cli.study.reading import NOT_STUDIES, listed, mapping, require_known, study_files
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError, visible
 
@@ -21,11 +21,7 @@ _AS_RECORDED = "ok"
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Provenance of one CSV, and of the run that wrote it where that is known.
-
-    Raises:
-        ResultsError: When there is no record, or it cannot be read.
-    """
+    """Provenance of one CSV, and of the run that wrote it where that is known."""
     content, of_run = results.read_records(path)
     try:
         run = _parsed(results.run_path(path), of_run)
@@ -59,10 +55,10 @@ def known(path: Path) -> dict[str, Any]:
 
 def environment(record: Mapping[str, Any]) -> dict[str, str]:
     """Versions that results were computed with, by name, as far as the record has them."""
-    source, blas, machine = (_mapping(record, key) for key in ("source", "blas", "platform"))
-    threads = {name: count for name, count in _mapping(blas, "threads").items() if count}
+    source, blas, machine = (mapping(record, key) for key in ("source", "blas", "platform"))
+    threads = {name: count for name, count in mapping(blas, "threads").items() if count}
     facts = {
-        **{str(name): given for name, given in _mapping(record, "versions").items()},
+        **{str(name): given for name, given in mapping(record, "versions").items()},
         **problem_files(record),
         "commit": _commit(source),
         "BLAS of numpy": blas.get("numpy"),
@@ -134,7 +130,7 @@ def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]
 
 def description(record: Mapping[str, Any]) -> str:
     """The config's description of the study in one line; empty if there is none."""
-    return str(_mapping(record, "config").get("description") or "")
+    return str(mapping(record, "config").get("description") or "")
 
 
 def config_text(record: Mapping[str, Any]) -> str:
@@ -149,7 +145,7 @@ def config_text(record: Mapping[str, Any]) -> str:
 
 def checksums(record: Mapping[str, Any]) -> dict[str, str]:
     """File, relative to the results folder → SHA-256, as recorded."""
-    return {str(name): str(digest) for name, digest in _mapping(record, "sha256").items()}
+    return {str(name): str(digest) for name, digest in mapping(record, "sha256").items()}
 
 
 def number(cell: Mapping[str, Any], key: str) -> float:
@@ -170,10 +166,10 @@ def total_seconds(record: Mapping[str, Any]) -> float:
 
 def as_text(record: Mapping[str, Any]) -> str:
     """Title and facts in two columns."""
-    found = facts(record)
-    width = max(map(len, found))
+    recorded = facts(record)
+    width = max(map(len, recorded))
     title = ": ".join(filter(None, (str(record["study"]), description(record))))
-    lines = (f"  {name:<{width}}  {text}" for name, text in found.items())
+    lines = (f"  {name:<{width}}  {text}" for name, text in recorded.items())
     return "\n".join(map(visible, (title, *lines)))
 
 
@@ -203,10 +199,6 @@ def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
     """Compare every CSV of a results folder with the checksum in its record.
 
     ``slopes.csv`` and the tables are not results but follow from them.
-
-    Raises:
-        ResultsError: When the folder has neither a CSV of a study nor a record, or no
-            study of a name.
     """
     series = {
         file.stem
@@ -224,13 +216,13 @@ def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
         studies = set()
     every = sorted({*studies, *described, *series})
     require_known(folder, names, every)
-    found = [
+    entries = [
         entry
         for study in every
         if study in names or not names
         for entry in _verified(folder, study, study in studies)
     ]
-    return sorted(found, key=lambda entry: entry.path)
+    return sorted(entries, key=lambda entry: entry.path)
 
 
 def changed(folder: Path, names: Iterable[str]) -> list[Verified]:
@@ -274,23 +266,17 @@ def _finding(content: bytes | OSError, recorded: str | None, described: str) -> 
 
 def problem_files(record: Mapping[str, Any]) -> dict[str, str]:
     """File of a problem of the user's → SHA-256 of what it said, as recorded."""
-    found = _mapping(record, "problem_files")
+    sums = mapping(record, "problem_files")
     return {
         f"{file if file == label else f'{file} of {label}'} SHA-256": str(digest)
-        for label in found
-        for file, digest in _mapping(found, label).items()
+        for label in sums
+        for file, digest in mapping(sums, label).items()
     }
-
-
-def _mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    found = record.get(key)
-    return found if isinstance(found, dict) else {}
 
 
 def cells_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Cells of a run, as its record has them."""
-    found = record.get("cells")
-    return [cell for cell in found if isinstance(cell, dict)] if isinstance(found, list) else []
+    return [cell for cell in listed(record, "cells") if isinstance(cell, dict)]
 
 
 def _counted(cells: Sequence[Mapping[str, Any]]) -> str:

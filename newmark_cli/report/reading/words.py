@@ -12,7 +12,7 @@ from newmark_cli.study.measures import MEASURES, RECORDS, symbol
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
-    from newmark_cli.report.reading.curves import Curve
+    from newmark_cli.report.reading.figures import Curve
 
 _METHODS = {
     "newmark": "Newmark",

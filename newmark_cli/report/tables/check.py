@@ -9,9 +9,9 @@ from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope, in_figure_order
 from newmark_cli.report.judging.text import format_orders, gathered
 from newmark_cli.report.judging.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
-from newmark_cli.report.reading.curves import TRAPEZOIDAL
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.reading.words import quantity
+from newmark_cli.study.axes import TRAPEZOIDAL
 
 #: Undecided series that are named one by one where one thing is to be said of all.
 _MOST_ALIKE = 3

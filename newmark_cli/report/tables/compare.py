@@ -151,15 +151,7 @@ def _both(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, tuple
 
 
 def compare(first: Path, second: Path, rtol: float) -> Comparison:
-    """Compare the studies of two results folders.
-
-    Args:
-        rtol: Relative tolerance of the measures in `DETERMINED`; the others agree
-            within `FACTOR`.
-
-    Raises:
-        ResultsError: When a folder has no results, or a CSV cannot be used.
-    """
+    """Compare two results folders; measures in `DETERMINED` agree to a relative tolerance."""
     a, b = _Folder(first), _Folder(second)
     cells, rows = _both(a.statuses, b.statuses), _both(a.rows, b.rows)
     slopes, claims = _both(a.slopes, b.slopes), _both(a.claims, b.claims)
@@ -193,12 +185,7 @@ def compare(first: Path, second: Path, rtol: float) -> Comparison:
 
 
 def agree(measure: str, a: float, b: float, rtol: float) -> bool:
-    """Whether two values of a measure are the same but for rounding.
-
-    Args:
-        a, b: The values, not negative; NaN where there is none.
-        rtol: Relative tolerance of the measures in `DETERMINED`.
-    """
+    """Whether two values of a measure, at least 0, or NaN for none, agree but for rounding."""
     if math.isnan(a) or math.isnan(b):
         return math.isnan(a) and math.isnan(b)
     if measure in DETERMINED:

@@ -25,9 +25,10 @@ from newmark_cli.report.judging import slopes
 from newmark_cli.report.judging.fits import format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import MISS, PASS
-from newmark_cli.report.reading.curves import TRAPEZOIDAL, Curve
+from newmark_cli.report.reading.figures import Curve
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Report, pivoted
 from newmark_cli.study import shipped
+from newmark_cli.study.axes import TRAPEZOIDAL
 from newmark_cli.study.drawing import definitions
 from newmark_cli.support.errors import ResultsError
 
@@ -376,11 +377,7 @@ LEGEND = (
 
 
 def build(results: Results) -> dict[tuple[str, str], Cell]:
-    """Entries by cure and symptom.
-
-    Raises:
-        ResultsError: When the results have no series of the study.
-    """
+    """Entries by cure and symptom; raises `ResultsError` when the study has no results."""
     if all(slope.study != STUDY for slope in results.slopes):
         raise ResultsError(f"no results of {STUDY}; run 'newmark-study run {STUDY}' first")
     return {(c.name, s.name): s.cell(results, c) for c in CURES for s in SYMPTOMS}

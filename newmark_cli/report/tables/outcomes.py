@@ -51,38 +51,31 @@ def of(
     """All that is asserted, a study's expectations first.
 
     Series of which theory predicts no order assert nothing, nor do those that end as the
-    study accepts.
-
-    Args:
-        changed: CSVs that are not what was written.
-        tables: Whether entries of Tables 1 and 2 are, too, where all else holds.
-
-    Raises:
-        ResultsError: When the study of the tables lacks what they need.
+    study accepts.  With ``tables``, entries of Tables 1 and 2 do, too, where all else holds.
     """
-    found = list(map(_of_expected, expected))
+    outcomes = list(map(_of_expected, expected))
     for slope in counting(slopes):
         if slope.verdict != SHOWN:
             predicted = format_prediction(slope)
             fitted = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
             text = joined(fitted, f"predicted {predicted}" if predicted else "", slope.reason)
-            found.append(Outcome(slope.study, series_name(slope), slope.verdict, text))
-    found += (Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed)
-    if tables and hold(found) and any(slope.study == paper_tables.STUDY for slope in slopes):
+            outcomes.append(Outcome(slope.study, series_name(slope), slope.verdict, text))
+    outcomes += (Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed)
+    if tables and hold(outcomes) and any(slope.study == paper_tables.STUDY for slope in slopes):
         for entry in paper_tables.not_as_predicted(paper_tables.build(slopes)):
             verdict, text = entry.slope.verdict, "not as predicted"
-            found.append(Outcome(paper_tables.STUDY, entry.name, verdict, text, shown=False))
-    return found
+            outcomes.append(Outcome(paper_tables.STUDY, entry.name, verdict, text, shown=False))
+    return outcomes
 
 
 def _of_expected(each: Expected) -> Outcome:
     if each.figure:
-        name, found = f"{each.name}, {each.text}", joined(each.measured, each.reason)
-        return Outcome(each.study, name, each.verdict, found, each.file, each.line)
+        name, measured = f"{each.name}, {each.text}", joined(each.measured, each.reason)
+        return Outcome(each.study, name, each.verdict, measured, each.file, each.line)
     name = each.name if each.missing else f"{each.name}, {each.label}, {each.said}"
-    found = f"measured {each.measured}" if each.measured else ""
+    measured = f"measured {each.measured}" if each.measured else ""
     return Outcome(
-        each.study, name, each.verdict, joined(found, each.reason), each.file, each.line,
+        each.study, name, each.verdict, joined(measured, each.reason), each.file, each.line,
         erroneous=each.missing, shown=not each.missing,
     )  # fmt: skip
 
@@ -106,12 +99,7 @@ def notes(found: Sequence[Outcome], strict: bool) -> list[str]:
 
 
 def junit(found: Iterable[Outcome], strict: bool) -> str:
-    """A report in JUnit's XML, as servers for continuous integration read it.
-
-    Args:
-        found: What is asserted; a suite for each study, a test case for each.
-        strict: Whether what is undecided fails; otherwise it is skipped.
-    """
+    """A report in JUnit's XML: a suite for each study.  If not strict, the undecided is skipped."""
     of_study: dict[str, list[Outcome]] = {}
     for each in found:
         of_study.setdefault(each.study, []).append(each)
@@ -147,15 +135,9 @@ def _count(element: ElementTree.Element) -> None:
 
 
 def annotations(found: Iterable[Outcome], strict: bool, top: Path | None = None) -> list[str]:
-    """Workflow commands of GitHub: what fails are errors, what is undecided warnings.
+    """Workflow commands of GitHub, of each kind as many as it shows; files are named from `top`.
 
-    Args:
-        strict: Whether what is undecided fails.
-        top: Top folder of the repository, relative to which files are named; the current
-            one if omitted.
-
-    Returns:
-        A line each, of every kind as many as GitHub shows.
+    What fails are errors, and what is undecided warnings, unless strict.
     """
     lines: dict[str, list[str]] = {"error": [], "warning": []}
     for each in found:

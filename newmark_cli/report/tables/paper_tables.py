@@ -62,18 +62,14 @@ def build(slopes: Iterable[Slope]) -> list[Entry]:
 
 
 def reports(slopes: Sequence[Slope]) -> list[Report]:
-    """Both tables; the second begins with the factors themselves.
-
-    Raises:
-        ResultsError: When there are no results of the study.
-    """
-    entries, found = build(slopes), []
+    """Both tables; the second begins with the factors themselves."""
+    entries, both = build(slopes), []
     for layout in layouts(shipped.configs()[STUDY]):
         made = report([slope for slope in slopes if slope.study == STUDY], layout)
         before = (predicted_tables.factors(),) if layout.name == "2" else ()
         records = [entry.record for entry in entries if entry.table == layout.name]
-        found.append(Report(made.name, (*before, *made.tables), made.legend, records, COLUMNS))
-    return found
+        both.append(Report(made.name, (*before, *made.tables), made.legend, records, COLUMNS))
+    return both
 
 
 def not_as_predicted(entries: Iterable[Entry]) -> list[Entry]:

@@ -14,14 +14,13 @@ from newmark_cli.report.judging.fits import format_fit
 from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.text import Entry, text_table, wrapped
 from newmark_cli.report.judging.verdicts import INCOMPLETE
-from newmark_cli.report.reading.choosing import Choice
+from newmark_cli.report.reading.choosing import Choice, grouped
 from newmark_cli.report.reading.words import counted, quantity
 from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
+from newmark_cli.report.tables.table import MISSING
 from newmark_cli.study import axes
 from newmark_cli.study.reading import named_studies, read_rows
 
-#: What a value is shown as that is not there.
-MISSING = "–"
 #: Columns of a study's CSV that tell its cells apart.
 _CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]
 #: Axes in which the series of one table agree.
@@ -62,11 +61,7 @@ class Shown:
 
 
 def read(folder: Path, names: Sequence[str]) -> list[Shown]:
-    """Studies of a results folder; all without names.
-
-    Raises:
-        ResultsError: When a study is not there, or its CSV cannot be used.
-    """
+    """Studies of a results folder; all without names."""
     studies = []
     for name in named_studies(folder, names):
         table = read_rows(folder / f"{name}.csv")
@@ -114,10 +109,8 @@ def as_text(study: Shown) -> str:
             "shows them"
         )
         parts[0] += "\n" + wrapped(left_out)
-    tables: dict[tuple[str, ...], list[Slope]] = {}
-    for slope in study.chosen:
-        tables.setdefault(tuple(getattr(slope, name) for name in _TABLE), []).append(slope)
-    return "\n\n".join([*parts, *(_table(slopes) for slopes in tables.values())])
+    tables = grouped(study.chosen, _TABLE).values()
+    return "\n\n".join([*parts, *map(_table, tables)])
 
 
 def _table(slopes: Sequence[Slope]) -> str:
@@ -172,7 +165,7 @@ def _descending(slope: Slope) -> list[int]:
 
 def _points(slope: Slope) -> dict[tuple[float, int], Entry]:
     """(h, how many of the same h came before) → value, local order, and status if not ok."""
-    found: dict[tuple[float, int], Entry] = {}
+    entries: dict[tuple[float, int], Entry] = {}
     seen: Counter[float] = Counter()
     orders = [math.nan, *slope.local_orders]
     for i, order in zip(_descending(slope), orders, strict=True):
@@ -181,11 +174,11 @@ def _points(slope: Slope) -> dict[tuple[float, int], Entry]:
         if text and math.isfinite(order):
             text = f"{text:<9} {round(order, 2) + 0.0:.2f}".replace(" -", " −")
         if status not in slope.record.ok:
-            found[h, -seen[h]] = (text, status) if text else status
+            entries[h, -seen[h]] = (text, status) if text else status
         else:
-            found[h, -seen[h]] = text or MISSING
+            entries[h, -seen[h]] = text or MISSING
         seen[h] += 1
-    return found
+    return entries
 
 
 def _range(slope: Slope) -> str:

@@ -13,11 +13,12 @@ from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
+from newmark_cli.report.reading.choosing import grouped, is_among
 from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import ALIASES
-from newmark_cli.study.tabulating import AXES, VALUES, Heading, Layout, layouts
+from newmark_cli.study.tabulating import AXES, VALUES, Layout, layouts
 from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
 
@@ -53,11 +54,7 @@ def _step(h: float) -> str:
 def asked(
     rows: tuple[str, ...], columns: tuple[str, ...], as_list: bool, values: tuple[str, ...]
 ) -> Layout:
-    """The table that options of a command ask for; what they leave open is as usual.
-
-    Raises:
-        InputError: When there is no such axis or value, or two options contradict each other.
-    """
+    """The table that options of a command ask for; what they leave open is as usual."""
     rows, columns = (tuple(ALIASES.get(axis, axis) for axis in axes) for axes in (rows, columns))
     for option, given, known in (
         ("--rows", rows, AXES), ("--columns", columns, AXES), ("--values", values, VALUES),
@@ -78,11 +75,7 @@ def asked(
 
 
 def defined(folder: Path, study: str) -> list[Layout]:
-    """Tables that the config of a study defines, by its record, or else the shipped one.
-
-    Raises:
-        ResultsError: When the record is not as a run has written it.
-    """
+    """Tables that the config of a study defines, by its record, or else the shipped one."""
     path = folder / f"{study}.csv"
     try:
         return layouts(shipped.config_of(study, records.known(path), "tables"))
@@ -93,14 +86,14 @@ def defined(folder: Path, study: str) -> list[Layout]:
 def report(slopes: Iterable[Slope], layout: Layout) -> Report:
     """Tables of series; as a CSV, a list has numbers, and others have their entries."""
     ours = [slope for slope in slopes if slope.measure]
-    found = groups(ours, layout)
+    titled = groups(ours, layout)
     name = f"table-{layout.name}" if layout.name else "table"
-    legend = _legend(layout, [slope for _, placed in found for _, slope in placed])
+    legend = _legend(layout, [slope for _, placed in titled for _, slope in placed])
     if layout.columns or layout.headings:
-        tables = [_cross(title, placed, layout) for title, placed in found]
+        tables = [_cross(title, placed, layout) for title, placed in titled]
         return Report(name, tuple(tables), legend)
-    tables = [_list(title, placed, layout) for title, placed in found]
-    rows = [_record(slope, layout) for _, placed in found for _, slope in placed]
+    tables = [_list(title, placed, layout) for title, placed in titled]
+    rows = [_record(slope, layout) for _, placed in titled for _, slope in placed]
     columns = (*(layout.rows or ("study", *AXES)), *layout.values)
     return Report(name, tuple(tables), legend, rows, columns)
 
@@ -109,54 +102,39 @@ def report(slopes: Iterable[Slope], layout: Layout) -> Report:
 Placed = tuple[str, Slope]
 
 
-def groups(slopes: Sequence[Slope], layout: Layout) -> list[tuple[str, list[Placed]]]:
+def groups(slopes: Iterable[Slope], layout: Layout) -> list[tuple[str, list[Placed]]]:
     """Title and entries of each table of a layout."""
-    ours = [slope for slope in slopes if _is(slope, layout.choice)]
+    ours = [slope for slope in slopes if is_among(slope, layout.choice)]
     if not (layout.columns or layout.headings):
         return [(layout.title or ours[0].study, [("", slope) for slope in ours])] if ours else []
     across = {axis for heading in layout.headings for axis in heading.choice} | {*layout.columns}
     apart = [axis for axis in (*AXES, "initial") if axis not in (*layout.rows, *across)]
-    tables: dict[tuple[str, ...], list[Slope]] = {}
-    for slope in ours:
-        tables.setdefault(tuple(getattr(slope, axis) for axis in apart), []).append(slope)
+    tables = grouped(ours, apart)
     varying = [axis for i, axis in enumerate(apart) if len({where[i] for where in tables}) > 1]
-    found = []
-    for where, several in tables.items():
-        placed = [
-            *_headed(several, layout.headings, layout.rows),
-            *((_across(slope, layout), slope) for slope in several if not layout.headings),
+    titled = [(_title(layout, varying, several[0]), several) for several in tables.values()]
+    return [(title, placed) for title, several in titled if (placed := _placed(several, layout))]
+
+
+def _title(layout: Layout, varying: Iterable[str], first: Slope) -> str:
+    """The title of one of several tables: what they are of, and what tells this one apart."""
+    told = joined_values(varying, first.key.named())
+    whole = f"{layout.title} ({told})" if layout.title and told else layout.title or told
+    return whole or first.study
+
+
+def _placed(slopes: Sequence[Slope], layout: Layout) -> list[Placed]:
+    """Series by columns; where these are named one by one, the strongest of each entry."""
+    if not layout.headings:
+        return [
+            (joined_values(layout.columns, slope.key.named()) or MISSING, slope) for slope in slopes
         ]
-        told = joined_values(varying, dict(zip(apart, where, strict=True)))
-        title = layout.title + (f" ({told})" if told else "") if layout.title else told
-        if placed:
-            found.append((title or several[0].study, placed))
-    return found
-
-
-def _is(slope: Slope, choice: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a series is chosen; a scaling of one's own may go by its name."""
-    return all(
-        {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & {*values}
-        for axis, values in choice.items()
-    )
-
-
-def _across(slope: Slope, layout: Layout) -> str:
-    return joined_values(layout.columns, slope.key.named()) or MISSING
-
-
-def _headed(
-    slopes: Sequence[Slope], headings: Iterable[Heading], rows: Sequence[str]
-) -> list[Placed]:
-    """Columns one by one; of several series in an entry the strongest."""
-    found = []
-    for heading in headings:
-        entries: dict[tuple[str, ...], list[Slope]] = {}
-        for slope in slopes:
-            if _is(slope, heading.choice):
-                entries.setdefault(tuple(getattr(slope, axis) for axis in rows), []).append(slope)
-        found += [(heading.label, _strongest(several)) for several in entries.values()]
-    return found
+    return [
+        (heading.label, _strongest(several))
+        for heading in layout.headings
+        for several in grouped(
+            (slope for slope in slopes if is_among(slope, heading.choice)), layout.rows
+        ).values()
+    ]
 
 
 def _strongest(slopes: Sequence[Slope]) -> Slope:

@@ -211,8 +211,8 @@ class Report:
     def write(self, folder: Path) -> list[Path]:
         """Write them as Markdown, LaTeX and CSV below ``tables``; returns the files."""
         files.make_folder(folder / "tables", folder, parents=True)
-        found = []
+        paths = []
         for suffix, form in ((".md", "markdown"), (".csv", "csv"), (".tex", "latex")):
-            found.append(folder / "tables" / f"{self.name}{suffix}")
-            files.write(found[-1], self.written(form), folder)
-        return found
+            paths.append(folder / "tables" / f"{self.name}{suffix}")
+            files.write(paths[-1], self.written(form), folder)
+        return paths

@@ -22,12 +22,7 @@ def predict(
     evaluation: str = DIRECT,
     formulation: str = INDEX_3,
 ) -> dict[str, Any]:
-    """All orders of a form under a scaling; a structural zero has order None.
-
-    Raises:
-        ScalingError: When the scaling does not fit the form.
-        FormulationError: When the formulation cannot be used.
-    """
+    """All orders of a form under a scaling; a structural zero has order None."""
     described = formulated(form, formulation)
     orders = form_orders(described, compensated=evaluation == COMPENSATED)
     scaling = preconditioning.scaling(described)
@@ -59,11 +54,7 @@ def predict(
 
 
 def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
-    """The least powers of h that balance a form, beside those of Table 2.
-
-    Raises:
-        FormulationError: When the formulation cannot be used.
-    """
+    """The least powers of h that balance a form, beside those of Table 2."""
     described = formulated(form, formulation)
     orders: FormOrders = form_orders(described)
     left, right = derive_scaling(orders)
