@@ -116,10 +116,7 @@ def _tolerances(
     help="Unknowns that --tolerance applies to; scaled by default.",
 )
 @click.option(
-    "--residual-tolerance",
-    type=float,
-    metavar="TOL",
-    help="Your tolerance on the residual.",
+    "--residual-tolerance", type=float, metavar="TOL", help="Your tolerance on the residual."
 )
 @click.option(
     "--residual-tested",

@@ -18,11 +18,9 @@ from newmark_cli.cli import (
     inspecting,
     judging,
     last_resort,
-    pruning,
     results,
     running,
     screen,
-    showing,
 )
 from newmark_cli.cli.streams import UNREAD, OutputError
 from newmark_cli.support import compiling
@@ -81,9 +79,9 @@ for command in (
     running.run,
     running.merge,
     running.reproduce,
-    pruning.prune,
+    running.prune,
     results.plot,
-    showing.show,
+    results.show,
     results.check,
     results.tables,
     results.info,
@@ -103,11 +101,7 @@ for command in (
 
 
 def run(arguments: Sequence[str] | None) -> int:
-    """Run a command; its exit code, with a line on stderr where it went wrong.
-
-    Args:
-        arguments: Words of the command line; those of the process when omitted.
-    """
+    """Run a command; its exit code, with a line on stderr where it went wrong."""
     # Cells run side by side: a BLAS with threads of its own would only be in the way.
     for library in ("OPENBLAS", "MKL", "OMP"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")

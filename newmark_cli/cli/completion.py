@@ -18,12 +18,7 @@ Completer = Callable[[click.Context, click.Parameter, str], list[CompletionItem]
 
 
 def complete(*sections: str, files: bool = False) -> Completer:
-    """Values that a parameter may have.
-
-    Args:
-        sections: Sections of `newmark-study list` whose names it may be.
-        files: Whether it may be a YAML file.
-    """
+    """Values of a parameter: names of sections of `newmark-study list`, or YAML files."""
 
     def items(
         context: click.Context, parameter: click.Parameter, begun: str

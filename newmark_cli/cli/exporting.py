@@ -10,7 +10,7 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import allow_code_option, axis_option
+from newmark_cli.cli.options import allow_code_option, axis_options, flag
 
 
 def _steps(context: click.Context, option: click.Parameter, given: str | None) -> tuple[int, ...]:
@@ -64,9 +64,8 @@ def _sizes(
     metavar="T",
     help="End of a problem's march (s); by default 100 steps, or the last of --steps.",
 )
-@click.option(
+@flag(
     "--all-iterations",
-    is_flag=True,
     help="Export every Newton iteration; by default the first and last of each step.",
 )
 @click.option(
@@ -77,41 +76,31 @@ def _sizes(
     metavar="H",
     help="Step size (s); may be repeated.  By default the study's, or 1e-3, 1e-5 and 1e-7.",
 )
-@axis_option(
-    "form",
-    "FORM",
-    "Form; may be repeated.  By default the study's, or u-lambda.",
-    "forms",
-    multiple=True,
-)
-@axis_option(
-    "preconditioning",
-    "VARIANT",
-    "Scaling; may be repeated.  By default the study's, or none and optimal.",
-    "preconditioning",
-    multiple=True,
-)
-@axis_option(
-    "integrator",
-    "METHOD",
-    "Integrator, such as 'generalized-alpha rho=0.9'; may be repeated.",
-    "integrators",
-    multiple=True,
-)
-@axis_option(
-    "formulation",
-    "FORMULATION",
-    "Formulation, such as ggl or 'baumgarte rate_h=1'; may be repeated.",
-    "formulations",
-    multiple=True,
-)
+@axis_options({
+    "form": ("FORM", "Form; may be repeated.  By default the study's, or u-lambda.", "forms"),
+    "preconditioning": (
+        "VARIANT",
+        "Scaling; may be repeated.  By default the study's, or none and optimal.",
+        "preconditioning",
+    ),
+    "integrator": (
+        "METHOD",
+        "Integrator, such as 'generalized-alpha rho=0.9'; may be repeated.",
+        "integrators",
+    ),
+    "formulation": (
+        "FORMULATION",
+        "Formulation, such as ggl or 'baumgarte rate_h=1'; may be repeated.",
+        "formulations",
+    ),
+})  # fmt: skip
 @click.option(
     "--evaluation",
     type=click.Choice(["direct", "compensated"]),
     multiple=True,
     help="How residuals are evaluated; may be repeated.",
 )
-@click.option("--force", is_flag=True, help="Write to DIR even if it holds other files.")
+@flag("--force", help="Write to DIR even if it holds other files.")
 @allow_code_option
 def export(
     subjects: tuple[str, ...],

@@ -17,6 +17,7 @@ from newmark_cli.cli.options import (
     axis_option,
     complete_config,
     evaluation_option,
+    flag,
     formulation_option,
     json_option,
     results_folder,
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     shell_complete=complete_config,
     help="Use the forms, scalings and formulations of a config.",
 )
-@click.option("--derive", is_flag=True, help="Derive the optimal scaling from the orders.")
+@flag("--derive", help="Derive the optimal scaling from the orders.")
 @json_option
 @allow_code_option
 def orders(
@@ -69,12 +70,12 @@ def orders(
     chosen = _chosen_orders(form, preconditioning, evaluation, formulation, file, allow_code)
     if derive:
         forms = dict.fromkeys((name, kind) for name, _, _, kind in chosen)
-        found = [theory.derive(*one) for one in forms]
-        texts = [theory.derived_as_text(entry) for entry in found]
+        predicted = [theory.derive(*one) for one in forms]
+        texts = [theory.derived_as_text(entry) for entry in predicted]
     else:
-        found = [theory.predict(*one) for one in chosen]
-        texts = [theory.as_text(entry) + "\n" for entry in found]
-    screen.lines(as_json_text(found) if as_json else "\n".join(texts))
+        predicted = [theory.predict(*one) for one in chosen]
+        texts = [theory.as_text(entry) + "\n" for entry in predicted]
+    screen.lines(as_json_text(predicted) if as_json else "\n".join(texts))
     return 0
 
 
@@ -178,14 +179,7 @@ def draw(
     """
     from newmark_cli.study import config
 
-    if not (math.isfinite(time) and time >= 0):
-        raise InputError(f"--at: must be zero or positive, given {time:g}")
-    if step is not None and not (math.isfinite(step) and 0 < step <= time):
-        raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
-    if animated is not None and animated.suffix.lower() != ".gif":
-        raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
-    if animated is not None and time == 0:
-        raise InputError("--animate: needs --at T, the end of the motion")
+    _require_drawable(time, step, animated)
     spec = config.problem_named(problem, allow_code)
     subject = spec.load()
     if subject.drawing is None:
@@ -227,6 +221,17 @@ def draw(
     return 0
 
 
+def _require_drawable(time: float, step: float | None, animated: Path | None) -> None:
+    if not (math.isfinite(time) and time >= 0):
+        raise InputError(f"--at: must be zero or positive, given {time:g}")
+    if step is not None and not (math.isfinite(step) and 0 < step <= time):
+        raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
+    if animated is not None and animated.suffix.lower() != ".gif":
+        raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
+    if animated is not None and time == 0:
+        raise InputError("--animate: needs --at T, the end of the motion")
+
+
 @click.command()
 @click.argument("kind", type=click.Choice(["config", "mechanism", "spatial"]), default="config")
 def schema(kind: str) -> int:
@@ -253,7 +258,7 @@ _EXPLAINED = {
 
 
 @click.command("list")
-@click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
+@flag("--json", "as_json", help="Print the list as JSON.")
 def list_(as_json: bool) -> int:
     """List everything that a config can name, and the figures.
 

@@ -3,7 +3,7 @@
 import functools
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,10 @@ from newmark_cli.support.errors import visible_lines
 from newmark_cli.support.processors import usable
 
 complete_config = complete("configs", files=True)
+
+
+#: An option that is on or off.
+flag = functools.partial(click.option, is_flag=True)
 
 
 def _folder(context: click.Context, option: click.Parameter, given: Path) -> Path:
@@ -39,8 +43,8 @@ studies_argument = click.argument(
 )
 
 
-allow_code_option = click.option(
-    "--allow-code", is_flag=True, help="Allow problems in Python; loading one runs its code."
+allow_code_option = flag(
+    "--allow-code", help="Allow problems in Python; loading one runs its code."
 )
 
 
@@ -75,23 +79,33 @@ formulation_option = axis_option(
 )
 
 
-#: Axis → metavar and words for the options by which `show` and `plot` choose series.
-_CHOSEN = {
-    "measure": ("M", "Measure, such as correction; for `plot` also work-precision", ()),
-    "quantity": ("Q", "Quantity, such as u or lambda", ()),
-    "form": ("F", "Form", ("forms",)),
-    "problem": ("P", "Problem", ("problems",)),
-    "preconditioning": ("V", "Scaling", ("preconditioning",)),
-    "integrator": ("I", "Integrator, with or without its parameters", ("integrators",)),
-}
+def axis_options(
+    options: Mapping[str, tuple[str, str, str]],
+) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Options that may be repeated: axis → metavar, help, and the section that completes it."""
+
+    def decorated(command: Callable[..., int]) -> Callable[..., int]:
+        for name, (metavar, text, section) in [*options.items()][::-1]:
+            option = axis_option(name, metavar, text, *filter(None, [section]), multiple=True)
+            command = option(command)
+        return command
+
+    return decorated
 
 
-def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
-    """Options of the commands that choose among the series of studies; each may be repeated."""
-    for name, (metavar, text, sections) in reversed(_CHOSEN.items()):
-        text += "; may be repeated."
-        command = axis_option(name, metavar, text, *sections, multiple=True)(command)
-    return command
+#: Options of the commands that choose among the series of studies.
+choosing_options = axis_options({
+    "measure": (
+        "M", "Measure, such as correction; for `plot` also work-precision; may be repeated.", ""
+    ),
+    "quantity": ("Q", "Quantity, such as u or lambda; may be repeated.", ""),
+    "form": ("F", "Form; may be repeated.", "forms"),
+    "problem": ("P", "Problem; may be repeated.", "problems"),
+    "preconditioning": ("V", "Scaling; may be repeated.", "preconditioning"),
+    "integrator": (
+        "I", "Integrator, with or without its parameters; may be repeated.", "integrators"
+    ),
+})  # fmt: skip
 
 
 format_option = click.option(
@@ -101,15 +115,6 @@ format_option = click.option(
     default="csv",
     show_default=True,
     help="File format of trajectories.",
-)
-
-
-jobs_option = click.option(
-    "--jobs",
-    type=click.IntRange(1, 1024),
-    default=None,
-    metavar="N",
-    help="Number of threads, or of processes for problems in Python; one per processor by default.",
 )
 
 
@@ -132,8 +137,14 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
 
     for option in reversed(
         (
-            jobs_option,
-            click.option("--force", is_flag=True, help="Recompute cached cells."),
+            click.option(
+                "--jobs",
+                type=click.IntRange(1, 1024),
+                metavar="N",
+                help="Number of threads, or of processes for problems in Python; one per "
+                "processor by default.",
+            ),
+            flag("--force", help="Recompute cached cells."),
             click.option(
                 "--fail-fast/--keep-going",
                 help="Stop at the first cell that fails, or run all others (default).",
@@ -156,15 +167,15 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
                 metavar="ADDRESS",
                 help="Address of a dask scheduler; by default, workers start on this machine.",
             ),
-            click.option("-q", "--quiet", is_flag=True, help="Print errors only."),
-            click.option("-v", "--verbose", is_flag=True, help="Print a line for every cell."),
+            flag("-q", "--quiet", help="Print errors only."),
+            flag("-v", "--verbose", help="Print a line for every cell."),
         )
     ):
         gathered = option(gathered)
     return gathered
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+json_option = flag("--json", "as_json", help="Print as JSON.")
 
 
 def as_json_text(value: object) -> str:

@@ -1,4 +1,4 @@
-"""Commands that read results: figures, verdicts, tables, provenance."""
+"""Commands that read results: figures, values, verdicts, tables, provenance."""
 
 import math
 import os
@@ -11,7 +11,14 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.completion import complete
-from newmark_cli.cli.options import as_json_text, choosing_options, results_folder, studies_argument
+from newmark_cli.cli.options import (
+    as_json_text,
+    choosing_options,
+    flag,
+    json_option,
+    results_folder,
+    studies_argument,
+)
 from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,11 +33,11 @@ REMARKS = 20
 
 def _formats(context: click.Context, option: click.Parameter, given: str) -> tuple[str, ...]:
     allowed = ("png", "svg", "pdf", "pgf")
-    found = tuple(dict.fromkeys(part.strip().lower() for part in given.split(",")))
-    for name in found:
+    formats = tuple(dict.fromkeys(part.strip().lower() for part in given.split(",")))
+    for name in formats:
         if name not in allowed:
             raise click.BadParameter(f"unknown format {name!r}; allowed: {', '.join(allowed)}")
-    return found
+    return formats
 
 
 def _names(context: click.Context, option: click.Parameter, given: str | None) -> tuple[str, ...]:
@@ -87,9 +94,7 @@ def _size(
     show_default=True,
     help="Measure of work in work-precision figures; wall-time needs `run --timed`.",
 )
-@click.option(
-    "--all", "everything", is_flag=True, help="Draw all figures of a study, however many."
-)
+@flag("--all", "everything", help="Draw all figures of a study, however many.")
 def plot(
     names: tuple[str, ...],
     folder: Path,
@@ -133,18 +138,53 @@ def plot(
 
 @click.command()
 @studies_argument
+@choosing_options
 @results_folder
-@click.option(
-    "--all",
-    "show_all",
-    is_flag=True,
-    help="Show every slope, not only misses and those of the paper's figures.",
+@json_option
+def show(
+    studies: tuple[str, ...],
+    folder: Path,
+    as_json: bool,
+    measure: tuple[str, ...],
+    **values: tuple[str, ...],
+) -> int:
+    """Show the values of studies: step sizes down, series across.
+
+    Beside each value stands the local order, from the next larger step size to this
+    one.  Below stand the fitted slope, its range of step sizes, the predicted order,
+    the verdict and its reason.  Without STUDY and options, lists the studies in DIR.
+
+    \b
+    Example:
+      newmark-study show pendulum-u --quantity lambda --preconditioning none
+    """
+    from newmark_cli.report.reading.choosing import Choice
+    from newmark_cli.report.tables import showing
+
+    read, choice = showing.read(folder, studies), Choice(measure, values)
+    if not studies and not choice:
+        screen.lines(
+            as_json_text([study.row() for study in read]) if as_json else showing.listed(read)
+        )
+        return 0
+    chosen = showing.choose(read, choice)
+    if as_json:
+        screen.lines(as_json_text([study.data() for study in chosen]))
+        return 0
+    matching = [study for study in chosen if study.chosen or study.recovered]
+    screen.lines("\n\n".join(showing.as_text(study) for study in matching))
+    return 0
+
+
+@click.command()
+@studies_argument
+@results_folder
+@flag(
+    "--all", "show_all", help="Show every slope, not only misses and those of the paper's figures."
 )
-@click.option(
-    "--json", "as_json", is_flag=True, help="Print every slope, claim and expectation as JSON."
-)
-@click.option("--markdown", is_flag=True, help="Print the tables as Markdown.")
-@click.option("--strict", is_flag=True, help="Fail if a series or an expectation is undecided.")
+@flag("--json", "as_json", help="Print every slope, claim and expectation as JSON.")
+@flag("--markdown", help="Print the tables as Markdown.")
+@flag("--strict", help="Fail if a series or an expectation is undecided.")
 @click.option(
     "--junit",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -184,20 +224,20 @@ def check(
     wanted = reading.named_studies(folder, studies)
     everything = slopes.collect(folder)
     slopes.write(folder, everything)
-    found = [slope for slope in everything if slope.study in wanted]
-    expected = expectations.judge(folder, found)
+    series = [slope for slope in everything if slope.study in wanted]
+    expected = expectations.judge(folder, series)
     changed = records.changed(folder, wanted)
     if as_json:
-        rows = [slope.row() for slope in found]
+        rows = [slope.row() for slope in series]
         rows += [e.row() for e in (*expectations.claims(expected), *expectations.own(expected))]
         rows += [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
         screen.lines(as_json_text(rows))
     else:
         told = [f"{one.path}: {one.finding}" for one in changed]
-        summary = show_claims(found, expected, show_all, markdown, told)
+        summary = show_claims(series, expected, show_all, markdown, told)
         if not markdown:
             screen.lines(wrapped(summary))
-    asserted = outcomes.of(found, expected, changed, tables=True)
+    asserted = outcomes.of(series, expected, changed, tables=True)
     if junit is not None:
         files.write_output(junit, outcomes.junit(asserted, strict))
     if os.environ.get("GITHUB_ACTIONS") == "true":
@@ -223,12 +263,7 @@ def check(
 @click.option(
     "--columns", callback=_names, metavar="AXES", help="Axes of the columns; quantity by default."
 )
-@click.option(
-    "--list",
-    "as_list",
-    is_flag=True,
-    help="Print one row for each series, with its values as columns.",
-)
+@flag("--list", "as_list", help="Print one row for each series, with its values as columns.")
 @click.option(
     "--values",
     "shown",
@@ -245,12 +280,8 @@ def check(
     help="Format of printed tables.  By default markdown for a named study; other tables are "
     "printed as text and also written to DIR/tables.",
 )
-@click.option(
-    "--formulations",
-    is_flag=True,
-    help="Tabulate the predicted orders of all formulations; needs no results.",
-)
-@click.option("--cures", is_flag=True, help="Tabulate what each cure cures.")
+@flag("--formulations", help="Tabulate the predicted orders of all formulations; needs no results.")
+@flag("--cures", help="Tabulate what each cure cures.")
 def tables(
     studies: tuple[str, ...],
     folder: Path,
@@ -315,8 +346,8 @@ def tables(
 @click.command()
 @studies_argument
 @results_folder
-@click.option("--cells", "with_cells", is_flag=True, help="Print every cell with its wall time.")
-@click.option("--config", "with_config", is_flag=True, help="Print the resolved config.")
+@flag("--cells", "with_cells", help="Print every cell with its wall time.")
+@flag("--config", "with_config", help="Print the resolved config.")
 def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
     """Show where results come from: code, versions, machine, times.
 
@@ -331,8 +362,8 @@ def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: 
     from newmark_cli.study import reading
 
     files = [folder / f"{name}.csv" for name in studies] or reading.study_files(folder)
-    found = [records.read(file) for file in files]
-    for record in found:
+    entries = [records.read(file) for file in files]
+    for record in entries:
         screen.lines(records.as_text(record))
         if with_config:
             screen.lines("\n" + records.config_text(record).rstrip())
@@ -357,10 +388,10 @@ def verify(studies: tuple[str, ...], folder: Path) -> int:
     """
     from newmark_cli.report.reading import records
 
-    found = records.verify(folder, studies)
-    for entry in found:
+    entries = records.verify(folder, studies)
+    for entry in entries:
         screen.line(f"{entry.path}: {entry.finding}")
-    return 0 if all(entry.ok for entry in found) else 1
+    return 0 if all(entry.ok for entry in entries) else 1
 
 
 @click.command()
@@ -373,12 +404,7 @@ def verify(studies: tuple[str, ...], folder: Path) -> int:
     show_default=True,
     help="Relative tolerance of values that are not dominated by rounding.",
 )
-@click.option(
-    "--all",
-    "everything",
-    is_flag=True,
-    help="Show all differences, not only ten of each kind.",
-)
+@flag("--all", "everything", help="Show all differences, not only ten of each kind.")
 def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     """Compare two results folders: cells, values, slopes, verdicts.
 
@@ -395,9 +421,9 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
         raise InputError("--rtol: must be a number from 0 to 1, given nan")
     from newmark_cli.report.tables import compare as comparing
 
-    found = comparing.compare(first, second, rtol)
-    screen.lines(comparing.as_text(found, None if everything else 10))
-    return 1 if found.differs else 0
+    comparison = comparing.compare(first, second, rtol)
+    screen.lines(comparing.as_text(comparison, None if everything else 10))
+    return 1 if comparison.differs else 0
 
 
 @click.command()
@@ -433,10 +459,7 @@ def show_claims(
 ) -> str:
     """Print slopes, claims and expectations, and why some fail; returns how many hold.
 
-    Args:
-        show_all: Whether all of them are shown.
-        markdown: Whether the tables are printed as Markdown, and nothing else.
-        changed: A line for each CSV that is not what was written.
+    As Markdown, the tables and nothing else.
     """
     from newmark_cli.report.judging import expectations
     from newmark_cli.report.judging.text import text_table, wrapped
@@ -471,11 +494,7 @@ def show_claims(
 
 
 def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
-    """1 when something that is asserted is not so; says what the tables of a check do not.
-
-    Args:
-        strict: Whether what is undecided fails.
-    """
+    """1 when something that is asserted is not so; says what the tables of a check do not."""
     from newmark_cli.report.tables import outcomes
 
     for line in outcomes.notes(asserted, strict):

@@ -1,4 +1,4 @@
-"""Commands that run studies."""
+"""Commands that run studies, and remove what they no longer need."""
 
 import re
 from collections import Counter
@@ -13,6 +13,7 @@ from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
     allow_code_option,
     complete_config,
+    flag,
     format_option,
     results_folder,
     running_options,
@@ -43,22 +44,14 @@ def _shard(
 )
 @results_folder
 @running_options
-@click.option(
-    "--dry-run",
-    is_flag=True,
-    help="List every cell as done or to run, and why; run nothing.",
-)
+@flag("--dry-run", help="List every cell as done or to run, and why; run nothing.")
 @click.option(
     "--shard",
     callback=_shard,
     metavar="I/N",
     help="Run only part I of N; `merge` combines the parts.",
 )
-@click.option(
-    "--timed",
-    is_flag=True,
-    help="Also time each march alone, one cell at a time.",
-)
+@flag("--timed", help="Also time each march alone, one cell at a time.")
 @format_option
 @allow_code_option
 def run(
@@ -142,7 +135,7 @@ def merge(
 @click.command()
 @results_folder
 @running_options
-@click.option("--all", "everything", is_flag=True, help="Also run the studies beyond the paper.")
+@flag("--all", "everything", help="Also run the studies beyond the paper.")
 def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everything: bool) -> int:
     """Run the paper's studies, draw its figures, check slopes.
 
@@ -167,19 +160,19 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     from newmark_cli.report.tables import outcomes
     from newmark_cli.study import reading
 
-    found = slopes.collect(folder, studies)
-    files = plotting.plot(plotting.of_studies(studies), Results(folder, found))
+    series = slopes.collect(folder, studies)
+    files = plotting.plot(plotting.of_studies(studies), Results(folder, series))
     screen.line()
-    show_tables(folder, found)
+    show_tables(folder, series)
     if everything:
         code = max(code, show_cures(folder))
-    expected = expectations.judge(folder, found)
-    summary = show_claims(found, expected)
+    expected = expectations.judge(folder, series)
+    summary = show_claims(series, expected)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,
     # only about what was run.
     others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
-    slopes.write(folder, found + slopes.collect(folder, others))
-    code = code or verdict(outcomes.of(found, expected, tables=True))
+    slopes.write(folder, series + slopes.collect(folder, others))
+    code = code or verdict(outcomes.of(series, expected, tables=True))
     ended = sum(status == "ok" for done in runs for status in done.statuses)
     for line in (
         f"Summary of {len(studies)} studies, whose CSVs are in {folder}:",
@@ -195,12 +188,56 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     return code
 
 
+@click.command()
+@click.argument("configs", nargs=-1, metavar="[CONFIG]...", shell_complete=complete_config)
+@results_folder
+@flag("--dry-run", help="Report what would be removed; remove nothing.")
+@allow_code_option
+def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: bool) -> int:
+    """Remove cached cells that no study needs.
+
+    Keeps the cells in DIR/cells that a CSV in DIR was made from, and those of
+    unfinished studies.  For each CONFIG, keeps the cells that it needs now instead of
+    those of its CSV.  Also removes damaged cells, cells of another version of the
+    numerical core that no CSV was made from, and old temporary files of killed runs.
+    Never touches CSVs or figures.
+
+    \b
+    Example:
+      newmark-study prune --dry-run
+    """
+    from rich.filesize import decimal
+
+    from newmark_cli.running import prune as pruning
+
+    studies = []
+    if configs:
+        from newmark_cli.study import config
+
+        studies = [config.find(name, allow_code) for name in configs]
+    pruned = pruning.prune(folder, studies, dry_run)
+    verb = "would remove" if dry_run else "removed"
+    for removed in pruned.removed:
+        count = len(removed.files)
+        kind = removed.kind.format(s="s" * (count != 1))
+        screen.line(f"{verb} {count} {kind} ({decimal(removed.size)})")
+    if not pruned.removed:
+        screen.line("nothing to remove")
+    cells = "1 cell stays" if pruned.stay == 1 else f"{pruned.stay} cells stay"
+    screen.line(f"{cells} ({decimal(pruned.size)})")
+    if pruned.outdated:
+        are = "is" if pruned.outdated == 1 else "are"
+        screen.line(
+            f"{pruned.outdated} of them {are} of another numerical core: run their studies again "
+            "and prune again, or name their configs"
+        )
+    if pruned.unfinished:
+        screen.line(f"not finished, so that their cells stay: {', '.join(pruned.unfinished)}")
+    return 0
+
+
 def _run(
-    studies: "Sequence[Study]",
-    folder: Path,
-    how: "Options",
-    quiet: bool,
-    verbose: bool,
+    studies: "Sequence[Study]", folder: Path, how: "Options", quiet: bool, verbose: bool
 ) -> "list[StudyRun]":
     from newmark_cli.cli import terminal
     from newmark_cli.running import runner

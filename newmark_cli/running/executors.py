@@ -51,18 +51,11 @@ class _Overtime(Exception):
 
 
 def perform(
-    task: Task,
-    timeout: float | None = None,
-    on_steps: Callable[[int], None] = lambda steps: None,
+    task: Task, timeout: float | None = None, on_steps: Callable[[int], None] = lambda steps: None
 ) -> Done:
     """Run one cell; what goes wrong inside becomes its status.
 
-    Args:
-        timeout: Most wall time (s), looked at between two stretches of the march.
-        on_steps: Called now and then with the number of steps done.
-
-    Raises:
-        InputError: If the cell asks for something that does not exist.
+    Wall time (s) is looked at between two stretches of the march, when steps are told.
     """
     start = time.perf_counter()
 
@@ -144,10 +137,7 @@ def perform_apart(
 
 @contextmanager
 def local(
-    tasks: Mapping[int, Task],
-    jobs: int,
-    timeout: float | None,
-    on_steps: Callable[[int], None],
+    tasks: Mapping[int, Task], jobs: int, timeout: float | None, on_steps: Callable[[int], None]
 ) -> Iterator[Execution]:
     """Threads for compiled problems, whose march releases the interpreter lock.
 

@@ -73,10 +73,10 @@ def _held(folder: Path, path: Path, what: str, shared: bool = False) -> Iterator
 def _holder(file: IO[str]) -> str:
     try:
         file.seek(0)
-        found = json.loads(file.read(10_000))
+        holder = json.loads(file.read(10_000))
         return (
-            f"'{found['what']}', process {found['process']} on {found['host']} "
-            f"since {found['started']}"
+            f"'{holder['what']}', process {holder['process']} on {holder['host']} "
+            f"since {holder['started']}"
         )
     except (ValueError, KeyError, TypeError, OSError, RecursionError):
         return "another run"

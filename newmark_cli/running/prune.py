@@ -63,11 +63,7 @@ class Pruned:
 
 
 def begun(folder: Path, study: "Study") -> None:
-    """Note the cells of a study that no CSV names yet.
-
-    Raises:
-        ResultsError: When this cannot be written.
-    """
+    """Note the cells of a study that no CSV names yet."""
     cells = [store.file_name(cell) for cell in study.cells()]
     files.write_json(folder / f"{_UNFINISHED}{study.study}", {"cells": cells})
 
@@ -78,15 +74,7 @@ def finished(folder: Path, study: "Study") -> None:
 
 
 def prune(folder: Path, studies: Sequence["Study"] = (), dry_run: bool = False) -> Pruned:
-    """Remove what is not needed; see the module.
-
-    Args:
-        studies: What is needed of these studies, whatever their records say.
-
-    Raises:
-        ResultsError: There is no such folder, it is in use, a file cannot be read or
-            removed, or nobody knows what a CSV was made from.
-    """
+    """Remove what is not needed, see the module; studies need what their configs say now."""
     if not folder.is_dir():
         raise ResultsError(f"{folder}: no such folder")
     if dry_run:
@@ -144,13 +132,13 @@ def _plan(folder: Path, studies: Sequence["Study"]) -> Pruned:
 
 def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
     """Studies that have begun → their cells."""
-    found = {}
+    cells_of = {}
     for file in sorted(folder.glob(f"{_UNFINISHED}*")):
         name = file.name.removeprefix(_UNFINISHED)
         if name not in but:
             cells = _json(file, f"the cells of {name!r}").get("cells")
-            found[name] = set(map(str, cells)) if isinstance(cells, list) else set()
-    return found
+            cells_of[name] = set(map(str, cells)) if isinstance(cells, list) else set()
+    return cells_of
 
 
 def _recorded(folder: Path, but: Iterable[str]) -> Iterator[str]:

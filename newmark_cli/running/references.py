@@ -27,11 +27,6 @@ from newmark_cli.support.arrays import Array
 Solve = Callable[[ProblemSpec, float], Reference]
 
 
-def solved(spec: ProblemSpec, t: float, on_work: Callable[[], None] = lambda: None) -> Reference:
-    """`newmark_cli.problems.reference.solution` of a problem by its name."""
-    return reference.solution(spec.load(), t, on_work)
-
-
 class References:
     """References that share a results folder; threads may share this object.
 
@@ -39,10 +34,10 @@ class References:
     disk: the next run, which may have more time, tries again.
     """
 
-    def __init__(self, folder: Path, solve: Solve | None = None) -> None:
+    def __init__(self, folder: Path, solve: Solve) -> None:
         """Take a results folder; nothing is read or written yet."""
         self._results, self._folder = folder, folder / "references"
-        self._solve = solve or solved
+        self._solve = solve
         self._guard = threading.Lock()
         self._locks: dict[str, threading.Lock] = {}
         self._found: dict[str, Reference | NoReference] = {}
@@ -80,12 +75,12 @@ class References:
         """From its file, which is written when there is none that fits."""
         safe = re.sub(r"[^A-Za-z0-9._=-]+", "-", spec.label).strip("-.")[:80]
         path = self._folder / f"{safe}-{float(t)!r}-{content[:12]}.json"
-        found = _read(path, problem, t, content)
-        if found is None:
-            found = self._solve(spec, t)
+        solution = _read(path, problem, t, content)
+        if solution is None:
+            solution = self._solve(spec, t)
             files.make_folder(self._folder, self._results)
-            files.write_json(path, _record(spec.label, found, content), self._results)
-        return found
+            files.write_json(path, _record(spec.label, solution, content), self._results)
+        return solution
 
 
 def digest(problem: Problem, t: float) -> str:

@@ -4,7 +4,7 @@ import contextlib
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from newmark_cli.problems.reference import NoReference, Reference
 from newmark_cli.running import executors, prune
 from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
-from newmark_cli.running.references import References, solved
+from newmark_cli.running.references import References
 from newmark_cli.running.store import NOT_RUN, Store, file_name
 from newmark_cli.study import motion, provenance, results, trajectories
 from newmark_cli.study.axes import Cell, present
@@ -96,11 +96,7 @@ def plan(
     shard: tuple[int, int] | None = None,
     failed: bool = False,
 ) -> list[Planned]:
-    """Every cell of the studies, with what is kept of it, failed ones if so, or why it is to run.
-
-    Raises:
-        InputError: Two studies have one name.
-    """
+    """Every cell of studies, with what is kept of it, failed ones if asked, or why it is to run."""
     _require_distinct(studies)
     store = Store(folder)
     planned = []
@@ -145,37 +141,20 @@ def run_studies(
             _looked_after(one, references, store)
             for one in plan(studies, folder, options.force, options.shard)
         ]
-        missing_cells = [one for one in planned if one.done is None]
-        for i in {one.study for one in missing_cells}:
+        to_run = [one for one in planned if one.done is None]
+        for i in {one.study for one in to_run}:
             prune.begun(folder, studies[i])
-        for one in missing_cells:
+        for one in to_run:
             store.require_replaceable(one.cell)
         watcher.planned(planned)
-        found = {i: one.done for i, one in enumerate(planned) if one.done is not None}
         open_runs = _OpenRuns(studies, folder, options, planned)
-        for i in list(found):
-            open_runs.took(i, found[i])
-        if options.fail_fast and any(
-            _complaints(planned[i].cell, done.outcome) for i, done in found.items()
-        ):
-            return open_runs.close()
-
-        # What two studies share is computed once, whatever each of them accepts.
-        sharing: dict[str, list[int]] = {}
         for i, one in enumerate(planned):
-            if i not in found:
-                sharing.setdefault(file_name(one.cell), []).append(i)
-        places = {shared[0]: shared for shared in sharing.values()}
-        tasks: dict[int, Task] = {}
-        missing: dict[int, str] = {}
-        for i in sorted(places, key=lambda i: -_cost(planned[i].cell)):
-            cell, solution = planned[i].cell, None
-            if "error" in cell.measure:
-                try:
-                    solution = references.of(cell.problem, cell.reached)
-                except NoReference as error:
-                    missing[i] = str(error)
-            tasks[i] = Task(cell, solution, timed=options.timed)
+            if one.done is not None:
+                open_runs.took(i, one.done)
+        if options.fail_fast and open_runs.complains(range(len(planned))):
+            return open_runs.close()
+        places = _shared(planned)
+        tasks, missing = _tasks({i: planned[i].cell for i in places}, references, options.timed)
         with _execution(tasks, options, watcher) as finished:
             for i, result in finished:
                 done = _without_reference(result, missing[i]) if i in missing else result
@@ -184,11 +163,35 @@ def run_studies(
                     watcher.finished(planned[i].cell, done)
                     for place in places[i]:
                         open_runs.took(place, done)
-                if options.fail_fast and any(
-                    _complaints(planned[place].cell, done.outcome) for place in places[i]
-                ):
+                if options.fail_fast and open_runs.complains(places[i]):
                     break
         return open_runs.close()
+
+
+def _shared(planned: Sequence[Planned]) -> dict[int, list[int]]:
+    """Place of a cell to compute → all that have it: studies that share one compute it once."""
+    sharing: dict[str, list[int]] = {}
+    for i, one in enumerate(planned):
+        if one.done is None:
+            sharing.setdefault(file_name(one.cell), []).append(i)
+    return {places[0]: places for places in sharing.values()}
+
+
+def _tasks(
+    cells: Mapping[int, Cell], references: References, timed: bool
+) -> tuple[dict[int, Task], dict[int, str]]:
+    """Tasks in the order in which they start, and why some lack their reference."""
+    tasks: dict[int, Task] = {}
+    lacking: dict[int, str] = {}
+    for i, cell in sorted(cells.items(), key=lambda one: -_cost(one[1])):
+        solution = None
+        if "error" in cell.measure:
+            try:
+                solution = references.of(cell.problem, cell.reached)
+            except NoReference as error:
+                lacking[i] = str(error)
+        tasks[i] = Task(cell, solution, timed=timed)
+    return tasks, lacking
 
 
 @dataclass(frozen=True)
@@ -267,7 +270,7 @@ def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
         if timeout is not None and time.perf_counter() - start > timeout:
             raise NoReference(f"{where}: took longer than {timeout:g} s")
 
-    return solved(spec, t, watch)
+    return reference.solution(spec.load(), t, watch)
 
 
 def _looked_after(one: Planned, references: References, store: Store) -> Planned:
@@ -338,9 +341,14 @@ class _OpenRuns:
         """A cell is there."""
         self._done[place] = done
         study = self._planned[place].study
-        found = [self._done[i] for i in self._places[study] if i in self._done]
-        if not self._options.shard and len(found) == len(self._places[study]):
-            self._paths[study] = _write(self._studies[study], self._folder, found, self._options)
+        ended = [self._done[i] for i in self._places[study] if i in self._done]
+        if not self._options.shard and len(ended) == len(self._places[study]):
+            self._paths[study] = _write(self._studies[study], self._folder, ended, self._options)
+
+    def complains(self, places: Iterable[int]) -> bool:
+        """Whether one of these cells, if it is there, did not end well."""
+        there = (i for i in places if i in self._done)
+        return any(_complaints(self._planned[i].cell, self._done[i].outcome) for i in there)
 
     def close(self) -> list[StudyRun]:
         """How the studies went."""
@@ -416,7 +424,7 @@ def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
             longest[cell.problem] = max(t_end, cell.reached), min(h, cell.h)
     facts = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
-    found: dict[str, dict[str, Any]] = {
+    known: dict[str, dict[str, Any]] = {
         "motions": {
             label: {"singular": list(each.singular), "still": each.still}
             for label, each in facts.items()
@@ -430,17 +438,17 @@ def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
         problem = spec.load()
         if isinstance(spec, MechanismFile | Code):
             sources = sorted(problem.sources.items())
-            found["problem_files"][spec.label] = {
+            known["problem_files"][spec.label] = {
                 name: provenance.checksum(text) for name, text in sources
             }
         if isinstance(spec, MechanismFile) and (title := spec.file.document().data.get("title")):
-            found["titles"][spec.label] = title
+            known["titles"][spec.label] = title
         if problem.outputs is not None and problem.outputs.not_unique:
-            found["not_unique"][spec.label] = {
+            known["not_unique"][spec.label] = {
                 "outputs": list(problem.outputs.not_unique),
                 "released": list(problem.released),
             }
-    return found
+    return known
 
 
 def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
