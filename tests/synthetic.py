@@ -3,8 +3,7 @@
 import numpy as np
 
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.report.reading.figures import Curve
-from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.reading.figures import FIGURES, Curve
 from newmark_cli.study import results
 from newmark_cli.support import files
 
