@@ -553,17 +553,6 @@ def test_studies_and_python_problems_are_subjects(cli, advise_cli):
     assert "did you mean 'pendulum'?" in cli.refused("advise", "pendulm", "--h", "1e-3")
 
 
-def test_text_of_the_command(advise_cli):
-    """What is printed has the numbers of the library."""
-    text = advise_cli("pendulum", "--h", "1e-3,1e-4")
-    advice = newmark.advise("pendulum", h=[1e-3, 1e-4])
-    assert text == f"{advice}\n"
-    for value in advice.condition[1e-4].values():
-        assert f"{value:.4g}" in text
-    assert "left = np.repeat([beta*h**2, 1], [n, m])" in text
-    assert "grows like  h^-4" in text
-
-
 def schemes_of(form, integrator="newmark", scaling="optimal"):
     """What advice is about, but for the step size."""
     return advising._Schemes(

@@ -71,13 +71,6 @@ def test_values_agree(measure, a, b, expected):
     assert comparing.agree(measure, b, a, 1e-6) is expected
 
 
-def test_rounding_changes_nothing(folders):
-    """Corrections three times as large are those of another machine; slopes stay."""
-    rewrite(folders[1], MULTIPLIERS, {}, lambda row: {"rms": 3 * row["rms"]})
-    found = compared(folders)
-    assert found.values == found.verdicts == ()
-
-
 def test_another_verdict(folders):
     """A series with another slope: values, slope and both verdicts."""
     where = {"evaluation": "compensated"}

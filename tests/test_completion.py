@@ -9,7 +9,6 @@ from each import each
 from warm import SCRIPT
 
 from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config
@@ -54,10 +53,8 @@ def offered(text):
         ("newmark-study plot ", list(dict.fromkeys((*FIGURES, *config.shipped())))),
         ("newmark-study plot 1 sens", ["sensitivity"]),
         ("newmark-study draw ", [*PROBLEMS, "mine.yaml", "other.yml"]),
-        ("newmark-study orders --form ", list(FORMS)),
         ("newmark-study orders --preconditioning ", list(VARIANTS)),
         ("newmark-study orders --config pendulum-a", ["pendulum-a"]),
-        ("newmark-study orders --evaluation ", ["direct", "compensated"]),
         ("newmark-study schema ", ["config", "mechanism", "spatial"]),
     ],
 )

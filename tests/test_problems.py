@@ -75,12 +75,6 @@ gravity: [1, -9]
 )
 
 
-@pytest.fixture
-def double():
-    """Two bodies in a row with everything the model has."""
-    return built(BODY)
-
-
 MISTAKES = [
     ("to: B, length: 0.5", "to: Z, length: 0.5", 6, "unknown point 'Z'"),
     ("length: 0.5,", "length: 0.6,", 6, "start 0.5 m apart, given length 0.6"),

@@ -393,26 +393,6 @@ def test_a_definition_that_means_several_figures_gives_several(tmp_path):
     ]
 
 
-def test_quantities_in_one_panel(tmp_path):
-    """Their common ordinate is named by the measure, their series by the quantity."""
-    rows = table(quantity=["u", "v", "lambda"], integrator=DAMPED)
-    entry = {"measure": "error", "series": ["quantity"]}
-    given = written(tmp_path, rows, {"config": {"figures": [entry]}})
-    (figure,) = plot.chosen(["mine"], given).figures
-    assert figure.name == "mine-hoist-u-lambda-error"
-    (panel,) = sheets.sheet(figure, given).panels
-    assert [trace.label for trace in panel.traces] == ["u", "v", "λ"]
-    assert panel.y_label == "error"
-
-
-def test_a_record_that_nobody_wrote_is_named(tmp_path):
-    """Definitions that no run has written."""
-    for wrong in (["error"], [{"measure": "speed"}], [{"measure": "error", "series": ["h"]}], 3):
-        given = written(tmp_path, table(), {"config": {"figures": wrong}})
-        with pytest.raises(InputError, match=r"mine\.json: figures: not as written by a run"):
-            plot.chosen(["mine"], given)
-
-
 FIGURE_MISTAKES = [
     ("- measure: correcton", "line 8: figures[1].measure: unknown measure 'correcton'"),
     ("- measure: error", "line 8: figures[1].measure: 'error' is not among the study's"),
