@@ -312,17 +312,17 @@ def _line_force(u, v, ints, reals, e, force, x_values, y_values):
         mx = damping * (wx - twice * dx)
         my = damping * (wy - twice * dy)
         mz = damping * (wz - twice * dz)
+    # In space the compiler drops these, but counts of operations have them.
+    pull, txx, tyy = (-tension * dx, -tension * dy), -tension - mx * dx, -tension - my * dy
+    txy, tyx = -mx * dy, -mx * dy
+    if kind == DAMPER:
+        txy, tyx = -dx * my, -dy * mx
+    line, tangent = (dx, dy), (txx, txy, tyx, tyy)
     if turned != 0:
-        txy, tyx = -mx * dy, -mx * dy
-        if kind == DAMPER:
-            txy, tyx = -dx * my, -dy * mx
-        pull, tangent = (
-            (-tension * dx, -tension * dy), (-tension - mx * dx, txy, tyx, -tension - my * dy),
-        )  # fmt: skip
-        _spread_turned(ints, reals, e, pull, tangent, (dx, dy), damping, force, x_values, y_values)
+        _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values, y_values)
     else:
-        line, rank_one = (dx, dy, dz), (mx, my, mz)
-        _spread_plain(ints, reals, e, tension, line, rank_one, square, force, x_values, y_values)
+        spatial, rank_one = (dx, dy, dz), (mx, my, mz)
+        _spread_plain(ints, reals, e, tension, spatial, rank_one, square, force, x_values, y_values)
 
 
 @_inline
