@@ -174,6 +174,48 @@ def test_a_missed_test_ends_the_march(engine):
         np.testing.assert_allclose(marching.state.past[0], u, rtol=0, atol=1e-9 * np.abs(u).max())
 
 
+@ENGINES
+@each("formulation", ["index-3", "ggl"])
+def test_a_missed_step_is_taken_in_parts(engine, formulation):
+    """The march is that over the step sizes that it ends up with, and says which it were."""
+    solver = "dense-lu" if engine is compiled_march else "sparse-lu"
+    options = {"formulation": formulation, "linear_solver": solver, "iteration_cap": 3}
+    rule = {"test": "residual", "relative": 1e-8}
+    halving = {**rule, "missed": "halve", "smallest_h": 1e-6}
+    given = newmark.march("andrews", h=5e-4, steps=20, stop=halving, **options)
+    assert given.status == "not_converged"
+    assert 0 < given.not_converged < 20
+    # Which parts: whole steps, then halves where these miss, and so on, with sizes of one's own.
+    sizes: list[float] = []
+    for _ in range(20):
+        for parts in (1, 2, 4, 8, 16):
+            tried = [*sizes, *[5e-4 / parts] * parts]
+            expected = newmark.march("andrews", h=np.array(tried), stop=rule, **options)
+            if expected.not_converged == 0:
+                break
+        sizes = tried
+    assert len(sizes) >= 20 + given.not_converged
+    at_steps = np.abs(expected.t / 5e-4 - np.rint(expected.t / 5e-4)) < 1e-6
+    for name in ("u", "v", "multipliers"):
+        wanted = getattr(expected, name)[at_steps]
+        np.testing.assert_allclose(
+            getattr(given, name), wanted, rtol=0, atol=1e-8 * np.abs(wanted).max()
+        )
+
+
+def test_halving_makes_a_test_of_lambda_harder():
+    """Rounding of λ grows like h⁻²: where Chrono's test fails, it fails at every smaller h."""
+    thrown = replace(problem("pendulum"), v0=np.array([0.0, -1.0]))
+    stop = {
+        "lambda": {"absolute": 1e-10, "relative": 1e-4}, "missed": "halve", "smallest_h": 1e-10,
+    }  # fmt: skip
+    options = {"form": "a-lambda", "integrator": "hht alpha=0.2", "iteration_cap": 6, "stop": stop}
+    coarse = newmark.march(thrown, h=4e-6, steps=2000, every=0, **options)
+    fine = newmark.march(thrown, h=2e-7, steps=2000, every=0, **options)
+    assert (coarse.status, coarse.not_converged) == ("ok", 0)
+    assert fine.status == "missed"
+
+
 @njit
 def _weight(u, v, t):
     return np.array([0.0, -9.81])
@@ -258,6 +300,7 @@ STOPPED = QUICK + "measure: [condition, tolerance]\nstop: {absolute: 1e-8}\n"
     [
         "absolute 1e-08", "absolute 1e-08 relative 0.001", "residual relative 1e-08",
         "scaled-residual absolute 1e-10 relative 1e-08 missed stop",
+        "relative 1e-08 missed halve smallest_h 1e-10",
         "a absolute 1e-10 relative 0.0001 lambda relative 0.0001",
         "residual relative 1e-08 missed stop guess zero tangent partial",
     ],

@@ -31,7 +31,13 @@ ADVISED = {
     "trapezoidal, index 2, tolerance 1e-13": ("newmark", "index-2"),
 }
 WRONG = (0.01, 1.0)
+#: Ratio of two errors that have the same two digits.
+TWO_DIGITS = 1.01
 PACKAGES = ("exudyn", "scikit-sundae", "solve-dae", "scipy-dae", "mujoco", "openseespy")
+AGREEMENT = """\
+Step sizes (s) down to which errors of u, v and λ in Exudyn agree to two digits with those of this
+package, and for each smaller one its error of λ over the nearest in the band of a march and its
+three twins; 1 is inside:"""
 HEADER = (
     "code and settings", "least error of u", "of v", "of λ", "λ 1 %, 100 % wrong below",
     "`advise`", "smallest tolerance", "beyond it",
@@ -185,6 +191,31 @@ def table(name, runs):
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
+def agreement(every):
+    """Where Exudyn has this package's errors, in Markdown: the truncation, and the rounding."""
+    lines = [["problem and method", *QUANTITIES.values(), "λ below, over the band"], ["---"] * 5]
+    for name, runs in every.items():
+        for method in ADVISED:
+            theirs = runs[runs["series"] == f"Exudyn, {method}"].sort_values("h", ascending=False)
+            ours = f"newmark-study, {method.partition(', tol')[0]}"
+            own = runs["series"].str.partition(", twin ")[0] == ours
+            bands = runs[own].groupby("h")[[*QUANTITIES]].agg(["min", "max"])
+            theirs = theirs[theirs["h"].isin(bands.index)].set_index("h")
+            if not theirs.empty:
+                lines.append([f"{TITLES[name]}, {method}", *agreed(theirs, bands)])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def agreed(theirs, bands):
+    """Step sizes down to which errors agree, and the ratios of λ below."""
+    for quantity in QUANTITIES:
+        low, high = (bands.loc[theirs.index, (quantity, end)] for end in ("min", "max"))
+        ratio = (theirs[quantity] / theirs[quantity].clip(low, high)).to_numpy()
+        same = int(np.argmax(np.append(np.abs(np.log(ratio)) > math.log(TWO_DIGITS), True)))
+        yield shorter(f"{theirs.index[same - 1]:.0e}") if same else "–"
+    yield ", ".join(f"{each:.2g}" for each in ratio[same:]) or "–"
+
+
 def versions():
     """The codes that are installed, with versions."""
     found = []
@@ -211,6 +242,7 @@ def write(folder, head):
     for name, runs in every.items():
         t_end = common.PROBLEMS[name][1]
         parts.append(f"**{TITLES[name]}**, errors at t = {t_end:g} s:\n\n{table(name, runs)}")
+    parts.append(f"{AGREEMENT}\n\n{agreement(every)}")
     page = PAGE.read_text(encoding="utf-8")
     PAGE.write_text(replaced(page, "\n\n".join(parts)), encoding="utf-8")
     for axis, file in (("h", "peers-h.png"), ("tolerance", "peers-work.png")):

@@ -12,7 +12,7 @@ HEIGHT = partial(items.MarkerNodeCoordinate, coordinate=1)
 
 
 def assembled(given, problem):
-    """The system, and lengths: λ of |Δ| − L is a force, ours a force per length."""
+    """The system, and lengths of its bars."""
     system, nodes, lengths = exudyn.SystemContainer().AddSystem(), {}, []
     starts = np.stack([problem.u0, problem.v0]).reshape(2, -1, 2)
     for name, point in given["points"].items():
@@ -46,7 +46,9 @@ def march(given, problem, t_end, h, *how):
     counted, message = integrated(system, t_end, h, *how)
     at = system.systemData
     u, v = problem.u0 + at.GetODE2Coordinates(), at.GetODE2Coordinates_t()
-    return Result(u, v, -at.GetAECoordinates() / lengths, *counted, message)
+    # λ of |Δ| − L is a force, ours a force per |Δ|, which drifts where Φ is not held.
+    apart = np.sqrt(np.square(lengths) + 2 * problem.constraint_values(t_end, u))
+    return Result(u, v, -at.GetAECoordinates() / apart, *counted, message)
 
 
 def runs(name, problem, t_end):

@@ -25,6 +25,7 @@ from newmark_cli.external.measuring import (
 from newmark_cli.external.reading import STEP_SIZE, Run, Runs
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import INDEX_3
+from newmark_cli.newmark.formulation import CORRECTED
 from newmark_cli.problems import multipliers
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.report.judging.fits import format_order, power_law
@@ -325,6 +326,8 @@ def _start(case: Case) -> _Seen:
     missed = misfits_at(problem, run, int(row))
     for name, condition, unit in (("position", "Φ", "m"), ("velocity", "Gᵀv + Φ_t", "m/s")):
         of = missed.get(name)
+        if name == "velocity" and case.how.get("start") == CORRECTED:
+            continue
         if of and of.error > unsure * (float(of.sizes.max()) or 1.0):
             worst = problem.constraint_names[int(np.argmax(np.abs(of.errors)))]
             yield "start off its constraints", {"condition": condition, "misfit": of.error,
@@ -574,6 +577,9 @@ def _early(case: Case) -> _Seen:
     if not case.has("lambda") or not case.stalls("lambda"):
         return
     value, allowed = float(case.values("lambda")[-1]), float(_sound(case)[-1])
+    # λ that nothing damps does not fall in a sound code, either; only its march could tell.
+    if not case.method.damped and not np.isfinite(case.values("lambda", ours=True)[-1]):
+        return
     falls = all(case.order(name) > 1 - _OFF for name in ("u", "v") if case.has(name))
     if value > _LIKE * allowed > 0 and falls:
         yield "λ stops falling", {"error": value, "h": case.h[-1], "allowed": allowed}

@@ -31,7 +31,7 @@ from newmark_cli.newmark.march_data import (
     StepTables,
     recording,
 )
-from newmark_cli.newmark.scheme import STOP, ZERO, Scheme, Schemes, Tolerance
+from newmark_cli.newmark.scheme import GO_ON, ZERO, Scheme, Schemes, Tolerance
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -233,7 +233,7 @@ class Engine:
                     return SINGULAR, done
             rest = slice(done, done + self._at_once(first + done, len(norms) - done))
             counts = Counts(norms[rest], iterations[rest], positions[rest], pivoted[rest])
-            given = self.arguments(state, first + done, counts, _after(record, done))
+            given = self.arguments(state, first + done, counts, record.after(done))
             ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
@@ -242,7 +242,7 @@ class Engine:
                 # Too large for a dense matrix; the past is that of the step already.
                 one, pivoted[done] = slice(done, done + 1), 1
                 ending, taken = self._by_scipy(
-                    state, first + done, norms[one], iterations[one], record=_after(record, done)
+                    state, first + done, norms[one], iterations[one], record=record.after(done)
                 )
                 done += taken
             if ending != COMPLETED or done == len(norms):
@@ -271,7 +271,7 @@ class Engine:
             test=BY_ROUNDING if scheme.stop is None else TESTS[stop.test],
             limits=stop.limits,
             from_zero=int(stop.guess == ZERO),
-            ends=int(stop.missed == STOP),
+            ends=int(stop.missed != GO_ON),
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
         functions = self._function, self._derive, self._solve
@@ -281,12 +281,6 @@ class Engine:
             functions, self._code, tables, matrices, numbers.extra, state, schedule, sizes, counts,
             record,
         )  # fmt: skip
-
-
-def _after(record: Record, done: int) -> Record:
-    """The rest of a record once so many steps are done."""
-    k = int(np.searchsorted(record.steps, done))
-    return Record(record.steps[k:] - done, record.fields[k:], record.multipliers[k:])
 
 
 def march(

@@ -1,7 +1,7 @@
 """One march that can be observed: cells, drawings and the library all take it."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge
@@ -10,12 +10,13 @@ import numpy as np
 
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
+from newmark_cli.newmark.halving import Engine, Halving
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
-from newmark_cli.newmark.scheme import Scheme, Schemes
+from newmark_cli.newmark.scheme import HALVE, Scheme, Schemes
 from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
@@ -29,10 +30,6 @@ _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINR
 _STATIC_OPERATIONS = 2e7
 #: Most numbers that are recorded between two halts.
 _MOST_RECORDED = 2_000_000
-
-
-#: Takes the state, steps done, norms, iterations and a record; returns ending and steps.
-_Engine = Callable[..., tuple[int, int]]
 
 
 def _by_kernel(problem: Problem, solver: str) -> bool:
@@ -146,19 +143,15 @@ class March:
             linear_solver, problem, scheme.form, scheme.formulated, scheme.precision
         )
         self._systems = systems.Systems(self.solver, problem, self.schemes, krylov)
-        system = self._systems.base
-        static = system if isinstance(system, StaticSystem) else None
         self._compiled: compiled_march.Engine | None = None
-        if _by_kernel(problem, self.solver):
-            self._compiled = compiled_march.Engine(
-                problem, scheme, static, system.constraining, self.schemes
-            )
-            self._engine: _Engine = self._compiled.march
-        else:
-            self._engine = partial(
-                scipy_march.march, problem, scheme, schemes=self.schemes,
-                system_at=self._systems.at,
-            )  # fmt: skip
+        self._engine = self._made(self.schemes, self._systems)
+        if scheme.stop and scheme.stop.missed == HALVE:
+
+            def made(others: Schemes) -> Engine:
+                return self._made(others, systems.Systems(self.solver, problem, others, krylov))
+
+            smallest = scheme.stop.smallest_h
+            self._engine = Halving(self.schemes, self._engine, made, smallest).march
         if state is None:
             self.state = initial_state(problem, self.schemes.at(1))
         else:
@@ -166,6 +159,20 @@ class March:
         self.done, self.corrections, self.positions = done, 0, 0
         self.ending = COMPLETED
         self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
+
+    def _made(self, schemes: Schemes, solved: systems.Systems) -> Engine:
+        """What marches steps, with their linear systems."""
+        if not _by_kernel(self.problem, self.solver):
+            return partial(
+                scipy_march.march, self.problem, schemes.base, schemes=schemes, system_at=solved.at
+            )
+        system = solved.base
+        static = system if isinstance(system, StaticSystem) else None
+        made = compiled_march.Engine(
+            self.problem, schemes.base, static, system.constraining, schemes
+        )
+        self._compiled = self._compiled or made
+        return made.march
 
     @property
     def scheme(self) -> Scheme:

@@ -140,6 +140,16 @@ class Record(NamedTuple):
     fields: np.ndarray  #: (k, 4, n) overwritten with u, v, a and v' after each of them
     multipliers: np.ndarray  #: (k, m) overwritten with λ
 
+    def after(self, done: int) -> "Record":
+        """The rest once so many steps are done."""
+        k = int(np.searchsorted(self.steps, done))
+        return Record(self.steps[k:] - done, self.fields[k:], self.multipliers[k:])
+
+    def keep(self, state: "State", step: int) -> None:
+        """Record the state after a step, if it is one of these."""
+        for k in np.flatnonzero(self.steps == step):
+            self.fields[k], self.multipliers[k] = state.fields, state.multipliers
+
 
 def recording(state: State, steps: np.ndarray) -> Record:
     """Room for the record of steps, as `Record` counts them."""

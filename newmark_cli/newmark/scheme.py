@@ -47,7 +47,7 @@ CORRECTION, RESIDUAL, SCALED_RESIDUAL, INCREMENTS = (
     "correction", "residual", "scaled-residual", "increments",
 )  # fmt: skip
 #: What becomes of a step that misses its test in as many corrections as it may take.
-GO_ON, STOP = "go-on", "stop"
+GO_ON, STOP, HALVE = "go-on", "stop", "halve"
 #: What Newton starts from in a step: u + h v and the last λ, or a = 0 and λ = 0.
 EXTRAPOLATED, ZERO = "extrapolated", "zero"
 #: Whether rows of rates of constraints are differentiated by all they depend on, or only by their
@@ -69,6 +69,7 @@ class Tolerance:
         fields: Of increments: u, v, a or lambda, and its absolute and relative parts.
         missed, guess, tangent: What becomes of a step that misses the test, what Newton starts
             from, and how much of the rows of constraints it differentiates.
+        smallest_h: Smallest part of a step that is halved (s), where missed steps are.
     """
 
     absolute: float = 0.0
@@ -78,6 +79,7 @@ class Tolerance:
     missed: str = GO_ON
     guess: str = EXTRAPOLATED
     tangent: str = FULL
+    smallest_h: float = 0.0
 
     @property
     def on_residual(self) -> bool:
@@ -93,6 +95,7 @@ class Tolerance:
             parts += [name, *(f"{part} {value!r}" for part, value in named if value)]
         usual = {"missed": GO_ON, "guess": EXTRAPOLATED, "tangent": FULL}
         parts += [f"{key} {value}" for key in usual if (value := getattr(self, key)) != usual[key]]
+        parts += [f"smallest_h {self.smallest_h!r}"] if self.smallest_h else []
         return " ".join(filter(None, parts))
 
     @property

@@ -24,7 +24,15 @@ from newmark_cli.newmark.march_data import (
     Record,
     State,
 )
-from newmark_cli.newmark.scheme import CORRECTION, INCREMENTS, RESIDUAL, STOP, ZERO, Scheme, Schemes
+from newmark_cli.newmark.scheme import (
+    CORRECTION,
+    GO_ON,
+    INCREMENTS,
+    RESIDUAL,
+    ZERO,
+    Scheme,
+    Schemes,
+)
 from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
@@ -513,7 +521,7 @@ def march(
             if small and (norm == 0 or scheme.stop is not None):
                 break
         iterations[s] = solves if settled else -solves
-        if scheme.stop and scheme.stop.missed == STOP and not settled:
+        if scheme.stop and scheme.stop.missed != GO_ON and not settled:
             return MISSED, s
         try:
             projected = own.finish(t)

@@ -67,6 +67,7 @@ from newmark_cli.newmark.scheme import (
     EXTRAPOLATED,
     FULL,
     GO_ON,
+    HALVE,
     INCREMENTS,
     PARTIAL,
     PRECISIONS,
@@ -559,10 +560,12 @@ class StopConfig(Valued):
     lambda_: LimitsConfig | None = Field(
         None, alias="lambda", description="what lambda may change by"
     )
-    missed: Annotated[str, _Known("missed", (GO_ON, STOP))] | None = Field(
+    missed: Annotated[str, _Known("missed", (GO_ON, STOP, HALVE))] | None = Field(
         None, description="what becomes of a march whose step misses the test; default: go-on"
     )
-
+    smallest_h: Positive | None = Field(
+        None, description="smallest part (s) of a step that is halved until its parts meet the test"
+    )
     guess: Annotated[str, _Known("guess", (EXTRAPOLATED, ZERO))] | None = Field(
         None,
         description="what Newton starts from: u + h v and the last lambda, or a = 0 and "
@@ -607,6 +610,8 @@ class StopConfig(Valued):
             raise misfit(whole[0], "not with increments of fields, which have their own limits")
         if not self._fields and self.absolute is None and self.relative is None:
             raise ValueError("needs absolute or relative")
+        if (self.missed == HALVE) != (self.smallest_h is not None):
+            raise misfit("smallest_h", f"goes with missed: {HALVE}, which needs it")
         return self
 
     def value(self) -> Tolerance:
@@ -616,9 +621,8 @@ class StopConfig(Valued):
             for name, limits in self._fields.items()
         )
         test = INCREMENTS if fields else self.test or CORRECTION
-        others = {
-            key: getattr(self, key) for key in ("missed", "guess", "tangent") if getattr(self, key)
-        }
+        keys = ("missed", "guess", "tangent", "smallest_h")
+        others = {key: value for key in keys if (value := getattr(self, key))}
         return Tolerance(self.absolute or 0.0, self.relative or 0.0, test, fields, **others)
 
 
