@@ -146,7 +146,7 @@ def beyond_tolerance(tight):
 
 def quoted(message):
     """The first words of a message, without the numbers of one run."""
-    words = re.split(r" at t = | t = |: /|: \[", message)[0].replace("|", "∣")
+    words = re.split(r" at t = | t = |: /|: \[|: \w+/", message)[0].replace("|", "∣")
     return f"“{words[:70].strip(' .')}”"
 
 
@@ -201,7 +201,8 @@ def agreement(every):
             own = runs["series"].str.partition(", twin ")[0] == ours
             bands = runs[own].groupby("h")[[*QUANTITIES]].agg(["min", "max"])
             theirs = theirs[theirs["h"].isin(bands.index)].set_index("h")
-            if not theirs.empty:
+            given = theirs.filter(like="lambda[").notna().all(axis=None)  # or others than ours
+            if not theirs.empty and given:
                 lines.append([f"{TITLES[name]}, {method}", *agreed(theirs, bands)])
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 

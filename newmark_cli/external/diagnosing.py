@@ -666,7 +666,7 @@ _RULES: tuple[tuple[Callable[[Case], _Seen], set[str], bool], ...] = (
     (_early, {"blow-up", "alternation", "few digits", "another mechanism", "another start",
               "another time", "clock", "Newton ends early"}, True),
     (_out_of_reach, {"blow-up"}, True),
-    (_linear, {"blow-up", "tolerance out of reach"}, True),
-    (_slow, {"blow-up", "tolerance out of reach", "linear convergence", "drift", "alternation"},
-     True),
+    (_linear, {"blow-up", "tolerance out of reach", "single precision"}, True),
+    (_slow, {"blow-up", "tolerance out of reach", "linear convergence", "single precision",
+             "drift", "alternation"}, True),
 )  # fmt: skip

@@ -21,7 +21,7 @@ from newmark_cli.report.judging.expectations import Expected, expected
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import text_table, wrapped
-from newmark_cli.report.judging.verdicts import FAILING, UNDECIDED
+from newmark_cli.report.judging.verdicts import FAILING, SHOWN, UNDECIDED
 from newmark_cli.study.measures import symbol
 
 if TYPE_CHECKING:
@@ -71,9 +71,15 @@ class Judged:
         """Labels of the series."""
         return tuple(dict.fromkeys(one.study for one in self.slopes))
 
+    @property
+    def undecided(self) -> bool:
+        """Whether no order could be judged, for want of step sizes or digits."""
+        judged = {one.verdict for one in self.slopes} - {SHOWN}
+        return judged == {UNDECIDED}
+
     def fails(self, strict: bool = False) -> bool:
         """Whether there is a fault, an order that is missed or an expectation that fails."""
-        bad = (*FAILING, UNDECIDED) if strict else FAILING
+        bad = (*FAILING, UNDECIDED) if strict or self.undecided else FAILING
         judged = [one.verdict for one in self.slopes] + [one.verdict for one in self.expected]
         return bool(self.faults) or any(verdict in bad for verdict in judged)
 
@@ -127,7 +133,8 @@ class Judged:
         if self.notes:
             yield "\nTaken for granted:"
             yield from (wrapped(f"- {note}", 2) for note in self.notes)
-        yield "\nFindings:" if self.findings else "\nNothing wrong was found."
+        nothing = "No order could be judged." if self.undecided else "Nothing wrong was found."
+        yield "\nFindings:" if self.findings else f"\n{nothing}"
         for finding in self.findings:
             label = f"{finding.series}: " if len(self.series) > 1 else ""
             kind = "" if finding.fault else " (a limit of the method)"

@@ -213,7 +213,8 @@ def _factors(
     found = [(0.5, 0, "Φ is twice as large, such as |Δ|² − L² instead of half of it"),
              (2.0, 0, "Φ is half as large")]  # fmt: skip
     if abs(length - 1) > 2 * _FITS and length > 0:
-        found += [(length, 0, "Φ is a length, |Δ| − L instead of ½(|Δ|² − L²)")]
+        # First, since a length of 2 or ½ explains the same factor in one bar only.
+        found.insert(0, (length, 0, "Φ is a length, |Δ| − L instead of ½(|Δ|² − L²)"))
     powers: Mapping[int, str] = {
         2: "λ is scaled by h², and was not scaled back",
         1: "λ is an impulse, force times h",

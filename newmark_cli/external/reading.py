@@ -144,7 +144,32 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         if name in taken:
             table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
     _refuse_rows(table, abscissa, where)
+    if (table["t"] <= problem.t0).all():
+        raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
+    theirs = [taken[name] for names in given.values() for name in names]
+    later = frame[(table["t"] > problem.t0).to_numpy()]
+    return Runs(
+        _runs(table, abscissa, problem, ours, given),
+        TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
+        given,
+        notes,
+        max((_digits(text) for name, _ in theirs for text in later[name].head(_LOOKED_AT)
+             if isinstance(text, str)), default=0),
+        _is_single(np.concatenate([found[name] for names in given.values() for name in names
+                                   if taken[name][1] == 1] or [np.zeros(0)])),
+    )  # fmt: skip
+
+
+def _runs(
+    table: "pd.DataFrame",
+    abscissa: str,
+    problem: Problem,
+    ours: Mapping[str, Sequence[str]],
+    given: Mapping[str, Sequence[str]],
+) -> list[Run]:
+    """The runs of a table in the order of series, and of sizes from the largest."""
     runs = []
+    further = [name for name in table if name in WORK or CORRECTIONS.fullmatch(str(name))]
     keys = ["series", abscissa, "twin"]
     for key, rows in table.sort_values("t", kind="stable").groupby(keys):
         series, size, twin = cast(tuple[str, float, float], key)
@@ -154,26 +179,14 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
             float((last["t"] - problem.t0) / size if abscissa == "steps" else size),
             int(twin),
             rows["t"].to_numpy(),
-            {part: rows.reindex(columns=names).to_numpy(float) for part, names in ours.items()},
-            {name: rows[name].to_numpy() for name in found
-             if name in WORK or CORRECTIONS.fullmatch(name)},
+            {part: rows.reindex(columns=[*names]).to_numpy(float) for part, names in ours.items()},
+            {str(name): rows[name].to_numpy() for name in further},
             last.get("message", ""),
             {name: last[name] for name in METHOD if last.get(name)},
             [name for part in given.values() for name in part if not math.isfinite(last[name])],
         ))  # fmt: skip
     order = table["series"].unique().tolist()
-    runs.sort(key=lambda run: (order.index(run.series), -run.size, run.twin))
-    theirs = [taken[name] for names in given.values() for name in names]
-    return Runs(
-        runs,
-        TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
-        given,
-        notes,
-        max((_digits(text) for name, _ in theirs for text in frame[name].head(_LOOKED_AT)
-             if isinstance(text, str)), default=0),
-        _is_single(np.concatenate([found[name] for names in given.values() for name in names
-                                   if taken[name][1] == 1] or [np.zeros(0)])),
-    )  # fmt: skip
+    return sorted(runs, key=lambda run: (order.index(run.series), -run.size, run.twin))
 
 
 def _file(path: Path) -> "pd.DataFrame":
