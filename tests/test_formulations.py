@@ -30,8 +30,8 @@ from newmark_cli.newmark.formulation import (
     Projection,
 )
 from newmark_cli.newmark.integrator import BDF2, HHT, GeneralizedAlpha, Newmark
-from newmark_cli.newmark.jacobian import form_blocks, scaling_factors
-from newmark_cli.newmark.linear.dense import BalancedJacobian
+from newmark_cli.newmark.jacobian import scaling_factors
+from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED, State
@@ -263,14 +263,15 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
         [literal.rows(z + 1j * step * unit, multipliers).imag / step for unit in np.eye(len(z))],
         axis=1,
     )
-    terms, values = subject.evaluate(t, u, v, shift), subject.values(t, u, v, shift)
+    values = subject.values(t, u, v, shift)
     tangents = None
     if constraining:
         tangents = constraining.tangents_at(t, u, v, w)
         # P is that of the beginning of the step.
         before = subject.values(t, state.fields[0], v, multipliers).g
         tangents = tangents._replace(directions=constraining.directions(before))
-    found = np.block(form_blocks(scheme, terms, subject.M, constraining, tangents))
+    system = DenseSystem(subject, scheme)
+    found = system.dense(system.entries(values, tangents))
     size = np.abs(expected).max()
     np.testing.assert_allclose(found, expected, rtol=0, atol=50 * EPS * size)
 
@@ -279,9 +280,7 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
         left, right = scaling_factors(scaled, n, m)
         wanted = left[:, None] * expected * right
         system = SparseSystem(subject, scaled)
-        matrix = np.zeros_like(expected)
-        entries = system.scaled_entries(values, tangents)
-        np.add.at(matrix, (system.rows, system.columns), entries)
+        matrix = system.dense(system.scaled_entries(values, tangents))
         sizes = 50 * EPS * size * np.abs(left)[:, None] * right
         assert np.all(np.abs(matrix - wanted) <= sizes), variant
     assert p * n + m * len(scheme.form.constraint_rows) == len(z)
@@ -296,7 +295,7 @@ def test_optimal_scaling_balances_every_formulation(formulation):
         for h in (1e-5, 1e-7):
             scheme = scheme_of(formulation, form, h)
             march = March(subject, scheme)
-            found.append(BalancedJacobian(subject, scheme, 0.0, march.state).condition())
+            found.append(DenseSystem(subject, scheme).balanced(0.0, march.state).condition())
         assert found[1] == pytest.approx(found[0], rel=1e-2), form
 
 
@@ -354,7 +353,7 @@ def assert_engines_agree(
     start = march_of(subject, scheme, engines["interpreted" in engines])
     start.advance(2)
     balanced = scheme_of(formulation, form, STEP[name], integrator)
-    condition = BalancedJacobian(subject, balanced, start.t, start.state).condition()
+    condition = DenseSystem(subject, balanced).balanced(start.t, start.state).condition()
     caps = (2, 50) if variant in ("optimal", "optimal-printed") else (50,)
     for cap in caps:
         capped = scheme_of(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)

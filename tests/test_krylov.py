@@ -12,10 +12,9 @@ from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.newmark.jacobian import scaled_jacobian
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
-from newmark_cli.newmark.linear.dense import BalancedJacobian
+from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.krylov import KrylovSystem, is_symmetric
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
@@ -65,7 +64,7 @@ def test_solutions(name, form, h):
     values, rhs = values_of(subject, state), right_hand_side(scheme, subject)
     system = KrylovSystem(subject, scheme, Krylov(tolerance=1e-10))
     found, exact = system.solve(values, rhs), SparseSystem(subject, scheme).solve(values, rhs)
-    condition = BalancedJacobian(subject, scheme, 0.0, state).condition()
+    condition = DenseSystem(subject, scheme).balanced(0.0, state).condition()
     # Twice: in the (v, λ) form balanced rows D are half those of the optimal scaling.
     assert np.linalg.norm(found - exact) <= 2 * condition * 1e-10 * np.linalg.norm(exact)
     assert system.iterations[0] <= 2 * len(rhs)
@@ -92,7 +91,7 @@ def test_recorded_residual(solver, form, variant):
     rhs /= rows
     system = systems.system(solver, subject, scheme, Krylov(tolerance=1e-6))
     found = system.solve(values, rhs)
-    matrix = scaled_jacobian(scheme, subject.dense(values), subject.M)
+    matrix = DenseSystem(subject, scheme).matrix(values)
     exact = np.linalg.norm(rows * (rhs - matrix @ found)) / np.linalg.norm(rows * rhs)
     assert system.residuals == [pytest.approx(exact, rel=1e-6)]
     assert 1e-8 < exact <= 1e-6

@@ -10,7 +10,7 @@ from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import march_data, scipy_march
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.linear.dense import BalancedJacobian
+from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
@@ -56,8 +56,8 @@ def test_condition_estimate(name, form, variant, h):
     subject = SUBJECTS[name]
     state = in_motion(subject)
     scheme = scheme_of(form, variant, h)
-    dense = BalancedJacobian(subject, scheme, 0.0, state)
-    exact = np.linalg.norm(dense.scaled, 1) * np.linalg.norm(dense.inverse(), 1)
+    dense = DenseSystem(subject, scheme).balanced(0.0, state)
+    exact = np.linalg.norm(dense.system.dense(dense.scaled), 1) * np.linalg.norm(dense.inverse(), 1)
     system = SparseSystem(subject, scheme)
     found = system.balanced(0.0, state).condition()
     assert exact / 3 <= found <= exact * (1 + 1e-9)

@@ -12,12 +12,11 @@ import numpy as np
 from newmark_cli.library.marching import march
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
-from newmark_cli.newmark.constraints import constraining_of
 from newmark_cli.newmark.floor import Floor, floor, unpredicted
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.jacobian import form_blocks
+from newmark_cli.newmark.jacobian import Jacobian
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.noise import multiplier_noise, violations
@@ -134,10 +133,12 @@ class Subject:
 
     def _jacobian(self, scheme: Scheme, place: int) -> Array:
         at, (a, multipliers) = self.states[place], self._accelerations[place]
-        terms = at.evaluate(at.t0, at.u0, at.v0, multipliers)
-        constraining = constraining_of(at, scheme)
-        tangents = constraining.tangents_at(at.t0, at.u0, at.v0, a) if constraining else None
-        return np.asarray(np.block(form_blocks(scheme, terms, at.M, constraining, tangents)))
+        system = Jacobian(at, scheme)
+        values = at.values(at.t0, at.u0, at.v0, multipliers)
+        tangents = None
+        if system.constraining:
+            tangents = system.constraining.tangents_at(at.t0, at.u0, at.v0, a)
+        return system.dense(system.entries(values, tangents))
 
     def unknowns(self, scheme: Scheme) -> Array:
         """Unknowns where ‖λ‖ is typical."""

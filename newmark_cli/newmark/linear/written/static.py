@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.newmark.constraints import Tangents
+from newmark_cli.newmark.jacobian import mass_matrix
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
@@ -16,7 +17,6 @@ from newmark_cli.newmark.linear.sparse import (
     SparseBalancedJacobian,
     SparseSystem,
     inverse_norm,
-    mass_matrix,
 )
 from newmark_cli.newmark.linear.written import generated, static_elimination
 from newmark_cli.newmark.linear.written.generated import Written
