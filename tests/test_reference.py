@@ -339,9 +339,14 @@ def same(one, other):
     )
 
 
+def stored_in(folder):
+    """References of a folder, computed in this process."""
+    return References(folder, lambda spec, t: reference.solution(spec.load(), t, lambda: None))
+
+
 def test_known_solutions_come_first(tmp_path, counted):
     """Nothing is computed or stored for them, but at other times."""
-    stored = References(tmp_path)
+    stored = stored_in(tmp_path)
     assert stored.of(Shipped("pendulum"), 12.5).source == "exact"
     assert stored.of(Shipped("andrews"), 0.03).source == "published"
     assert counted == []
@@ -352,8 +357,8 @@ def test_known_solutions_come_first(tmp_path, counted):
 
 def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
     """Another run reads the file; its name says what it is."""
-    first = References(tmp_path).of(SPEC, 0.2)
-    second = References(tmp_path).of(SPEC, 0.2)
+    first = stored_in(tmp_path).of(SPEC, 0.2)
+    second = stored_in(tmp_path).of(SPEC, 0.2)
     assert counted == [0.2]
     assert same(first, second)
     (path,) = files(tmp_path)
@@ -371,11 +376,11 @@ def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
 def test_damaged_files_are_written_anew(tmp_path, counted, damage):
     """Cut off, of another shape, of something else: computed again, and mended."""
     counted.clear()
-    first = References(tmp_path).of(SPEC, 0.2)
+    first = stored_in(tmp_path).of(SPEC, 0.2)
     (path,) = files(tmp_path)
     whole = path.read_text()
     path.write_text(damage(whole))
-    assert same(References(tmp_path).of(SPEC, 0.2), first)
+    assert same(stored_in(tmp_path).of(SPEC, 0.2), first)
     assert counted == [0.2, 0.2]
     assert path.read_text() == whole
     assert files(tmp_path) == [path]
@@ -424,7 +429,7 @@ def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeyp
     digests = [references.digest(spec.load(), 0.5) for spec in specs]
     assert len(set(digests)) == 3
     assert digests[0] == digests[3], "the name of the file does not count"
-    stored = References(tmp_path)
+    stored = stored_in(tmp_path)
     found = [stored.of(spec, 0.05) for spec in (*specs[:3], *specs[:3])]
     assert counted == [0.05] * 3
     true, _ = true_errors(found[0], pendulum(0.05))
