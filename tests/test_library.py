@@ -518,6 +518,7 @@ def pendulum(**more):
     (lambda: newmark.scaling("u-lambda", h=1.0, gamma=0.4), "gamma = 0.4: must be at least 0.5"),
     (lambda: newmark.scaling("u-lambda", h=1.0, beta=1.0, integrator="bdf2"),
      "give either an integrator or beta and gamma, not both"),
+    (lambda: newmark.scaling("u-lambda", h=1e-300), "h is too large or too small"),
 ])  # fmt: skip
 def test_what_cannot_be_used_is_refused_in_one_sentence(call, message):
     """A documented class, one line that says what was given and what is allowed."""
@@ -577,3 +578,9 @@ def test_memory_does_not_grow_with_the_steps(cli):
     assert facts == ["750000", "751", "ok"]
     assert float(grown) < 3
     assert float(whole.split()[-1]) > 15
+
+
+def test_stepping_ends_at_t_end_and_skips():
+    """Every k-th step and the last."""
+    times = [step.t for step in newmark.steps("pendulum", h=0.1, t_end=1.0, every=4)]
+    assert times == pytest.approx([0.4, 0.8, 1.0])

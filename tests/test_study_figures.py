@@ -767,3 +767,11 @@ def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):
     chosen = plot.chosen(["6"], given)
     assert chosen.figures == [FIGURES["6"]]
     assert chosen.notes == ["'6' is a figure and a study: the figure is drawn"]
+
+
+def test_a_record_that_nobody_wrote_is_named(tmp_path):
+    """Definitions that no run has written."""
+    for wrong in (["error"], [{"measure": "speed"}], [{"measure": "error", "series": ["h"]}], 3):
+        given = written(tmp_path, table(), {"config": {"figures": wrong}})
+        with pytest.raises(InputError, match=r"mine\.json: figures: not as written by a run"):
+            plot.chosen(["mine"], given)
