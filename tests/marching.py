@@ -10,7 +10,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.written.specialised import unspecialised
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import State, recording
+from newmark_cli.newmark.march_data import recording
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 
@@ -33,11 +33,6 @@ INTEGRATORS = [
     Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.9), GeneralizedAlpha(0.0), HHT(0.1),
     BDF1(), BDF2(),
 ]  # fmt: skip
-
-
-def copy(state):
-    """The same state, in arrays of its own."""
-    return State(*(array.copy() for array in state))
 
 
 def one_ulp_apart(subject, count):
@@ -111,7 +106,7 @@ def states(subject, integrator, h, count):
     scheme = scheme_of("u-lambda", "optimal", h, integrator)
     state = initial_state(subject, scheme)
     for k in range(count):
-        yield 25 * k, copy(state)
+        yield 25 * k, state.copy()
         march(compiled_march, subject, scheme, state, 25 * k, 25)
 
 

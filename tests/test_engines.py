@@ -9,7 +9,7 @@ from damped import damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, assert_same_step, copy, march, scheme_of, states
+from marching import EPS, INTEGRATORS, STEP, assert_same_step, march, scheme_of, states
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
@@ -64,7 +64,7 @@ def test_engines_agree_per_step(name, form, variant, integrator):
     subject = named(name)
     scheme = scheme_of(form, variant, STEP[name], integrator)
     for first, state in states(subject, integrator, scheme.h, count=2):
-        ours, reference = copy(state), copy(state)
+        ours, reference = state.copy(), state.copy()
         found, _ = march(compiled_march, subject, scheme, ours, first, 1)
         expected, _ = march(scipy_march, subject, scheme, reference, first, 1)
         assert_same_step(subject, scheme, ours, reference)
@@ -81,7 +81,7 @@ def test_all_forms_take_the_same_step(name, variant):
         results = {}
         for form in FORMS:
             scheme = scheme_of(form, variant, STEP[name])
-            results[form] = copy(state)
+            results[form] = state.copy()
             march(compiled_march, subject, scheme, results[form], first, 1)
         for form in FORMS:
             assert_same_step(subject, scheme, results["u-lambda"], results[form])

@@ -5,7 +5,7 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from marching import STEP, copy, scheme_of
+from marching import STEP, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel
@@ -34,7 +34,7 @@ def run(subject, scheme, stretches, looks_after, after_stretch=lambda exchanges:
             norms = np.zeros((20, len(scheme.recorded)))
             iterations = np.zeros(20, np.int64)
             assert engine.march(state, 20 * k, norms, iterations) == (COMPLETED, 20)
-            found += [norms, iterations, *copy(state)]
+            found += [norms, iterations, *state.copy()]
             after_stretch(engine.exchanges)
     return engine, found
 

@@ -10,7 +10,7 @@ from damped import damped
 from each import each
 from examples import car_axis
 from general import constraint, force, general, gradient
-from marching import EPS, copy, interpreted_march
+from marching import EPS, interpreted_march
 from mechanisms import built
 
 from newmark_cli.mechanisms.registry import problem
@@ -358,7 +358,7 @@ def assert_engines_agree(
     for cap in caps:
         capped = scheme_of(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)
         marches = [
-            march_of(subject, capped, engine, state=copy(start.state), done=start.done)
+            march_of(subject, capped, engine, state=start.state.copy(), done=start.done)
             for engine in engines
         ]
         stretches = [march.advance(1) for march in marches]

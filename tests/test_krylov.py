@@ -5,7 +5,7 @@ import pytest
 from covering import covering
 from damped import damped
 from each import each
-from marching import assert_same_step, copy, in_motion, march, scheme_of, start
+from marching import assert_same_step, in_motion, march, scheme_of, start
 
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
@@ -178,7 +178,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     assert taken.min() > 0
     rms = np.sqrt(np.mean(ours**2, 0) / np.mean(theirs**2, 0))
     assert rms == pytest.approx(1, rel=0.5)
-    again = copy(first)
+    again = first.copy()
     march(scipy_march, subject, scheme, first, 40, 1,
           system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
     march(scipy_march, subject, scheme, again, 40, 1, system=SparseSystem(subject, scheme))

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from conftest import QUICK, rows_in
 from each import each
-from marching import copy, interpreted_march
+from marching import interpreted_march
 from test_formulations import PROJECTIONS, scheme_of, subject_of
 
 from newmark_cli.mechanisms.registry import problem
@@ -163,7 +163,7 @@ def test_calls_of_the_kernel(formulation, projection, evaluation, monkeypatch):
         with monkeypatch.context() as patch:
             solve = counted(kernel.solve_in_place)
             patch.setattr(kernel, "solve_in_place", solve)
-            march = partial(interpreted_march, plain, scheme, copy(state), 0, norms, iterations)
+            march = partial(interpreted_march, plain, scheme, state.copy(), 0, norms, iterations)
             assert march(positions=positions) == (0, steps)
         corrections = int(np.abs(iterations).sum())
         found = (

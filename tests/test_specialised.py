@@ -7,7 +7,7 @@ import mechanisms
 import numpy as np
 import pytest
 from each import each
-from marching import copy, march, scheme_of
+from marching import march, scheme_of
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
@@ -67,7 +67,7 @@ def test_the_same_bits(
             assert bool(Engine(subject, scheme, system)._code[0]) == bool(most)
             state = initial_state(subject, scheme)
             taken = march(Run(system), subject, scheme, state, 0, 12)
-            found.append([*taken, *copy(state)])
+            found.append([*taken, *state.copy()])
     for code, loops in zip(*found, strict=True):
         assert code.dtype == loops.dtype
         np.testing.assert_array_equal(code, loops)

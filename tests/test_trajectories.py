@@ -14,7 +14,6 @@ from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.newmark.march_data import State
 from newmark_cli.study import compute, config, trajectories
 
 STUDY = """\
@@ -60,7 +59,7 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     judged = []
 
     def errors(reference, state, *of):
-        judged.append(State(*(array.copy() for array in state)))
+        judged.append(state.copy())
         return {}
 
     monkeypatch.setattr("newmark_cli.study.measures.errors", errors)

@@ -4,6 +4,7 @@ So do codes that answer a missed test with a smaller step, down to a smallest on
 grid stays: a step taken in parts is one step of the march, and the next one has its size again.
 """
 
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -61,15 +62,14 @@ class Halving:
                 record.keep(state, done)
                 done += 1
                 continue
-            later = [each for each in self._known if each > step]
-            rest = slice(done, min([*later, first + len(norms) + 1]) - first - 1)
-            before = State(*(array.copy() for array in state))
+            rest = slice(done, min(self._next_known(step) - first - 1, len(norms)))
+            before = state.copy()
             ending, taken = self._engine(
                 state, first + done, norms[rest], iterations[rest], record=record.after(done),
                 positions=positions[rest],
             )  # fmt: skip
             if ending == MISSED:
-                _restore(state, before)
+                state.restore(before)
                 again = slice(done, done + taken)
                 if taken:
                     self._engine(
@@ -83,12 +83,18 @@ class Halving:
             done += taken
         return COMPLETED, done
 
+    def _next_known(self, step: int) -> int:
+        """The next step that is known; steps are found in their order."""
+        if next(reversed(self._known), 0) < step:
+            return sys.maxsize
+        return min(known for known in self._known if known > step)
+
     def _in_parts(
         self, state: State, step: int, norms: Array, iterations: IndexArray, positions: IndexArray
     ) -> bool:
         """Take one step in as many parts as it needs; whether they meet the test."""
         size, (behind, parts) = self._schemes.grid.size(step), self._known[step]
-        before = State(*(array.copy() for array in state))
+        before = state.copy()
         corrections = abs(int(iterations[0]))
         while parts == 1 or size / parts >= self._smallest * (1 - 1e-9):
             grid, engine = self._of(size / parts, parts, behind)
@@ -107,7 +113,7 @@ class Halving:
                 if last != (size, self._schemes.grid.size(step - 1)):
                     self._known[step + 1] = last, 1
                 return True
-            _restore(state, before)
+            state.restore(before)
             parts *= 2
         return False
 
@@ -120,8 +126,3 @@ class Halving:
             grid = TimeGrid(0.0, size, np.full(parts, size), behind)
             self._parts[key] = grid, self._made(Schemes(self._schemes.base.at(size, 1.0), grid))
         return self._parts[key]
-
-
-def _restore(state: State, before: State) -> None:
-    for array, values in zip(state, before, strict=True):
-        array[:] = values

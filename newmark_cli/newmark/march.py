@@ -229,7 +229,7 @@ class March:
             looks: Steps among them whose states are recorded, counted from the start of
                 the march; ascending.
         """
-        before, begin = State(*(array.copy() for array in self.state)), self.done
+        before, begin = self.state.copy(), self.done
         record = recording(self.state, np.array(looks, np.int64) - (begin + 1))
         pivoted = self._pivoted
         try:
@@ -237,7 +237,7 @@ class March:
             pivoted = self._pivoted - pivoted
             if ending != COMPLETED:
                 # Newton has overwritten the state on its way to a step that there is not.
-                self._go_back(before)
+                self.state.restore(before)
                 self._marched(taken, recording(self.state, np.empty(0)))
             reached = bisect_right(looks, begin + taken)
             if self._index_1:
@@ -257,7 +257,7 @@ class March:
             return stretch
         except BaseException:
             # An interrupt may come at any place.
-            self._go_back(before)
+            self.state.restore(before)
             self.ending, self.done = COMPLETED, begin
             raise
 
@@ -286,10 +286,6 @@ class March:
             self.state, self.done, norms, iterations, record=record, positions=positions
         )
         return ending, taken, norms, iterations, positions
-
-    def _go_back(self, before: State) -> None:
-        for array, values in zip(self.state, before, strict=True):
-            array[:] = values
 
     def stretches(
         self, steps: int, stops: Iterable[int] = (), looks: Sequence[int] = (), ends: bool = True

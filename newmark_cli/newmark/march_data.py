@@ -95,6 +95,15 @@ class State(NamedTuple):
     psi: np.ndarray  #: (m,) Gᵀv likewise, of formulations that have it
     impulse: np.ndarray  #: (m,) μ of the last projection of velocities
 
+    def copy(self) -> "State":
+        """The same, in arrays of its own."""
+        return State(*(array.copy() for array in self))
+
+    def restore(self, before: "State") -> None:
+        """Overwrite it with another one."""
+        for array, values in zip(self, before, strict=True):
+            array[:] = values
+
 
 class Sizes(NamedTuple):
     """When the steps of a call of the kernel are, and what depends on their sizes.

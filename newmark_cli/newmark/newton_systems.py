@@ -15,7 +15,7 @@ from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear import exact
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.march_data import COMPLETED, State, recording
+from newmark_cli.newmark.march_data import COMPLETED, recording
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Values
 from newmark_cli.support.arrays import Array
@@ -176,7 +176,7 @@ def _observed(
             return
         seen: _Seen = []
         system = _observed_by(seen, march.system, every_iteration)
-        state = State(*(array.copy() for array in march.state))
+        state = march.state.copy()
         norms, iterations = np.zeros((1, len(scheme.recorded))), np.zeros(1, np.int64)
         none = recording(state, np.empty(0))
         scipy_march.march(problem, scheme, state, march.done, norms, iterations, system, none)
