@@ -71,6 +71,7 @@ def test_elements_compute_in_single_precision(everything, seed, t):
             "_sum",
             "_spread",
             "_blocks",
+            "_line",
             "_square",
             "_product",
             "_line_force",

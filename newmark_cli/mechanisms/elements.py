@@ -213,18 +213,29 @@ def _blocks(x_values, x, reals, weight, other, turned, components, multiplier):
 
 
 @_inline
-def _square(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
-    """Φ = ½ (L·L − c)."""
-    components, turned, first = ints[0, e + COMPONENTS], ints[0, e + TURNED], ints[0, e + FIRST]
-    r, weight, row, at = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + ROW], e + PLACES
-    x, g, multiplier = ints[0, e + X_START], ints[0, e + G_START], multipliers[row]
-    dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
+def _line(u, ints, reals, e):
+    """L of an element, and L·L."""
+    components, r = ints[0, e + COMPONENTS], ints[0, e + REALS]
+    dx, dy, dz = _sum(
+        u, ints, reals, e + PLACES, ints[0, e + WEIGHTS], ints[0, e + FIRST], components,
+        ints[0, e + TURNED],
+    )  # fmt: skip
     dx += reals[0, r]
     dy += reals[0, r + 1]
     square = dx * dx + dy * dy
     if components == 3:
         dz += reals[0, r + 2]
         square += dz * dz
+    return dx, dy, dz, square
+
+
+@_inline
+def _square(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+    """Φ = ½ (L·L − c)."""
+    components, turned, first = ints[0, e + COMPONENTS], ints[0, e + TURNED], ints[0, e + FIRST]
+    weight, row, at = ints[0, e + WEIGHTS], ints[0, e + ROW], e + PLACES
+    x, g, multiplier = ints[0, e + X_START], ints[0, e + G_START], multipliers[row]
+    dx, dy, dz, square = _line(u, ints, reals, e)
     phi[row] = u.dtype.type(0.5) * (square - reals[0, ints[0, e + PARAMETERS]])
     for k in range(first):
         i, w = ints[0, at + k], weight + (1 + turned) * k
@@ -280,17 +291,11 @@ def _product(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
 def _line_force(u, v, ints, reals, e, force, x_values, y_values):
     """A force −tension L with the tangent −L mᵀ − tension, or that of a torque, across L."""
     kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
-    r, parameter, weight = ints[0, e + REALS], ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
+    parameter, weight = ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
     first, at = ints[0, e + FIRST], e + PLACES
     real = u.dtype.type
     one, two = real(1), real(2)
-    dx, dy, dz = _sum(u, ints, reals, at, weight, first, components, turned)
-    dx += reals[0, r]
-    dy += reals[0, r + 1]
-    square = dx * dx + dy * dy
-    if components == 3:
-        dz += reals[0, r + 2]
-        square += dz * dz
+    dx, dy, dz, square = _line(u, ints, reals, e)
     if kind == TORQUE:  # the virtual work of τ through the angle of L
         torque = reals[0, parameter] / square
         txx = two * torque * dx * dy / square

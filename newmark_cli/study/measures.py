@@ -370,27 +370,34 @@ def _coarse_orders_of_correction(key: SeriesKey) -> tuple[float, ...]:
     return (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),)
 
 
-def _record_of_corrections(name: str, of_unit: str, mark: str) -> Record:
-    return Record(
-        name,
-        lambda key: f"Δ{symbol(key.quantity)}{of_unit}",
-        lambda key: rf"last decreasing correction $\|\Delta{mark} {_math(key.quantity)}\|$ (rms)",
-        "rms",
-        _order_of_correction,
-        0.15,
-        kind="rounding",
-        coarse=_coarse_orders_of_correction,
-        bounded=_bound_of_correction,
-        quantities=(*FIELDS, *MULTIPLIERS),
-    )
+def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
+    """Records of corrections in the solver's unknowns, and in physical units."""
+
+    def record(name: str, of_unit: str, mark: str) -> Record:
+        return Record(
+            name,
+            lambda key: f"{text}Δ{symbol(key.quantity)}{of_unit}",
+            lambda key: rf"{label} $\|\Delta{mark} {_math(key.quantity)}\|$ (rms)",
+            "rms",
+            kind="rounding",
+            quantities=(*FIELDS, *MULTIPLIERS),
+            **others,
+        )
+
+    return record(name, "", r"\bar"), record(f"physical_{name}", " (physical)", "")
 
 
 CORRECTION = Measure(
     "correction",
     "the last decreasing Newton corrections, scaled and physical",
-    (
-        _record_of_corrections("correction", "", r"\bar"),
-        _record_of_corrections("physical_correction", " (physical)", ""),
+    _scaled_and_physical(
+        "correction",
+        "",
+        "last decreasing correction",
+        predicted=_order_of_correction,
+        tolerance=0.15,
+        coarse=_coarse_orders_of_correction,
+        bounded=_bound_of_correction,
     ),
     _Corrections,
     stop=False,
@@ -1097,25 +1104,11 @@ class _Floors(Observer):
         ]
 
 
-def _record_of_floors(name: str, of_unit: str, mark: str) -> Record:
-    return Record(
-        name,
-        lambda key: f"predicted Δ{symbol(key.quantity)}{of_unit}",
-        lambda key: rf"predicted floor of $\|\Delta{mark} {_math(key.quantity)}\|$ (rms)",
-        "rms",
-        kind="rounding",
-        quantities=(*FIELDS, *MULTIPLIERS),
-    )
-
-
 FLOOR = Measure(
     "floor",
     "expected size of the last decreasing Newton corrections, predicted from rounding at sampled "
     "states",
-    (
-        _record_of_floors("floor", "", r"\bar"),
-        _record_of_floors("physical_floor", " (physical)", ""),
-    ),
+    _scaled_and_physical("floor", "predicted ", "predicted floor of"),
     _Floors,
     stop=False,
     rows=lambda form: [
