@@ -243,3 +243,33 @@ def test_few_digits_are_said_and_a_long_table_is_read(tmp_path):
     swings((2e-2, 1e-2, 5e-3, 1e-5)).to_csv(path, index=False, float_format="%.7g")
     found = judged(path, THROWN)
     assert [one.name for one in found.faults] == ["few digits"]
+
+
+def test_rounding_that_piles_up_in_u_is_no_other_mechanism():
+    """In (u, λ) rounding shifts u by more at smaller h, alike in twins; no other motion does."""
+    ends = [
+        newmark.march("pendulum", h=h, t_end=1.0, every=0, integrator="newmark").to_frame()
+        for h in (1e-5, 5e-6, 2.5e-6, 2e-6)
+    ]
+    table = pd.concat([end.assign(h=end["t"].iloc[-1] / n) for end, n in zip(
+        ends, (100_000, 200_000, 400_000, 500_000), strict=True)])  # fmt: skip
+    assert judged(table, "pendulum", integrator="newmark").faults == ()
+
+
+def test_a_corrected_start_is_off_the_rates_on_purpose():
+    table = pd.concat([
+        newmark.march("shaken-pendulum", h=h, t_end=0.5, start="corrected").to_frame().assign(h=h)
+        for h in (2e-3, 1e-3, 5e-4)
+    ])  # fmt: skip
+    options = {"integrator": "newmark", "start": "corrected"}
+    assert judged(table, "shaken-pendulum", **options).faults == ()
+    del options["start"]
+    (fault,) = judged(table, "shaken-pendulum", **options).faults
+    assert fault.name == "start off its constraints"
+
+
+def test_what_cannot_be_judged_fails():
+    one = judged(swings((0.01,)), THROWN)
+    assert one.undecided
+    assert one.fails()
+    assert "No order could be judged." in str(one)
