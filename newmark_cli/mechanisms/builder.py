@@ -8,14 +8,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from newmark_cli.mechanisms import elements, laws, table
 from newmark_cli.mechanisms.models import Law, MechanismModel
-from newmark_cli.mechanisms.table import Element, Term
+from newmark_cli.mechanisms.table import ElementList, Shape, Term
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array, IndexArray
@@ -99,7 +98,7 @@ class Builder(ABC):
         self.broken = set(broken)
         self.rows: list[Row] = []
         self.squares: dict[int, float] = {}
-        self.elements: list[Element] = []
+        self.elements = ElementList()
         self.turning: dict[str, int] = {}
         self.pushes: dict[KeyPath, Push] = {}
         self.loads: Array
@@ -110,8 +109,9 @@ class Builder(ABC):
                     getattr(self, f"_{key}")(one, (key, part))
         self.mistakes.refuse()
         self.weigh()
-        for place in np.flatnonzero(np.any(self.loads != 0, axis=1)).tolist():
-            self.load(self.components * place, self.loads[place].tolist())
+        loaded = np.flatnonzero(np.any(self.loads != 0, axis=1))
+        places = self.components * loaded
+        self.elements.add_arrays([table.loads(np.arange(len(loaded)), places, self.loads[loaded])])
 
     @abstractmethod
     def prepare(self) -> None:
@@ -152,11 +152,7 @@ class Builder(ABC):
     def problem(self, released: Sequence[int] = ()) -> Problem:
         """The problem as the file has it, without the constraints of these numbers."""
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
-        number = {-1: -1} | {row: k for k, row in enumerate(kept)}
-        chosen = self.elements
-        if released:
-            chosen = [replace(e, row=number[e.row]) for e in chosen if e.row in number]
-        tables = table.of_elements(chosen)
+        tables = self.elements.tables(sorted(released))
         places, values = self.masses()
         return Problem(
             name=self.name,
@@ -173,7 +169,7 @@ class Builder(ABC):
             # A motion is named with what it drives: `m.x` may be another's name.
             constraints_given=tuple(self.rows[row].parts for row in kept),
             released=tuple(self.rows[row].full for row in sorted(released)),
-            until=table.until(self.elements),
+            until=self.elements.until,
             **self.described(kept),
         )
 
@@ -271,21 +267,18 @@ class Builder(ABC):
         timed: Sequence[laws.Timed] = (),
     ) -> None:
         """Add an element of a kind of `elements`; sums are L, K, P, and ``single`` coordinates."""
-        first, second = ([*of] for of in ([*(of.terms for of in sums), (), ()])[:2])
-        self.elements.append(
-            Element(
-                getattr(elements, kind),
-                self.components if sums else 0,
-                row,
-                first,
-                second,
-                single,
-                [number for of in sums for number in of.constant],
-                parameters,
-                self.turned and bool(sums) and kind not in ("LINK", "LOAD"),
-                timed if law is None else (laws.Timed(law, parameters),),
-            )
+        first, second = [*(of.terms for of in sums), (), ()][:2]
+        constants = [number for of in sums for number in of.constant]
+        shape = Shape(
+            getattr(elements, kind),
+            self.components if sums else 0,
+            self.turned and bool(sums) and kind not in ("LINK", "LOAD"),
+            len(constants),
+            len(parameters),
+            *map(len, (first, second, single)),
         )
+        acting = timed if law is None else (laws.Timed(law, parameters),)
+        self.elements.add(shape, row, constants, parameters, [*first, *second, *single], acting)
 
     def load(self, place: int, force: Sequence[float], *timed: laws.Timed) -> None:
         """Add a force on one vector, whose place in u is given."""

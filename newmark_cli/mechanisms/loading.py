@@ -157,9 +157,11 @@ def _builder(data: Any) -> "type[Builder]":
 
 
 def made(name: str, data: dict[str, Any]) -> Problem:
-    """Problem from data that are known to be those of a mechanism."""
+    """Problem from data that are known to be those of a mechanism, whose start is consistent."""
     kind = _builder(data)
-    return _build(kind, name, kind.model.model_validate(data), Document(name, {}, {}))
+    found = kind(name, Document(name, {}, {}), kind.model.model_validate(data))
+    problem = found.problem()
+    return found.completed(problem, frozenset(), problem.n - problem.m)
 
 
 def is_mechanism(data: Any) -> bool:
@@ -176,9 +178,11 @@ def assembled(problem: Problem) -> list[str]:
 
     moved, turned = sizes.guess(problem, mechanism).moved, {}
     if len(problem.axes) == 3:
+        from newmark_cli.mechanisms.spatial_model import directors
+
         vectors = problem.u0.reshape(-1, 4, 3)  # origins and directors
-        for body, directors in zip(mechanism.bodies, vectors[:, 1:], strict=True):
-            apart = float(np.linalg.norm(directors.T - mechanism.bodies[body].directors))
+        away = np.linalg.norm(vectors[:, 1:] - directors(mechanism.bodies.values()), axis=(1, 2))
+        for body, apart in zip(mechanism.bodies, away.tolist(), strict=True):
             turned[body] = 2 * math.degrees(math.asin(min(apart / math.sqrt(8), 1.0)))
     told = []
     for by, least, text in (

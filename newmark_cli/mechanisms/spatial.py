@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, laws
+from newmark_cli.mechanisms import builder, elements, laws
 from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import GROUND, Law, driven, laws_of
@@ -26,10 +26,12 @@ from newmark_cli.mechanisms.spatial_model import (
     Torque,
     TorsionDamper,
     TorsionSpring,
+    directors,
+    inertias,
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
-from newmark_cli.mechanisms.table import Term
+from newmark_cli.mechanisms.table import Group, Shape, Term
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
@@ -113,30 +115,45 @@ class Builder(builder.Builder):
     mechanism: SpatialMechanism
 
     def prepare(self) -> None:
-        """Where bodies start."""
+        """Bodies: where they start, what keeps them rigid, and masses with those of points."""
         bodies = self.mechanism.bodies
         self.made: dict[str, Connection] = {}
         self.numbers = {body: i for i, body in enumerate(bodies)}
         self.start = np.empty((len(bodies), 4, 3))
-        for at, body in zip(self.start, bodies.values(), strict=True):
-            at[0], at[1:] = body.position, body.directors.T
+        self.start[:, 0] = [body.position for body in bodies.values()]
+        self.start[:, 1:] = directors(bodies.values())
         self.sites: dict[str, Side] = {}
-        self.point_masses: dict[int, list[tuple[Array, float]]] = {}
-        self.mass: list[tuple[Array, Array]] = []
-        self.loads = np.zeros((4 * len(bodies), 3))
         self.size = max(1.0, float(np.abs(self.start[:, 0]).max()))
+        self.inertia = inertias(bodies.values())
+        for point in self.mechanism.body_points.values():
+            if point.mass and point.on in bodies:
+                weights = np.array([1.0, *point.at])
+                self.inertia[self.numbers[point.on]] += point.mass * np.outer(weights, weights)
+        self.loads = (0.0 + self.inertia[:, 0, :, None] * self.mechanism.gravity).reshape(-1, 3)
+        each = np.arange(len(bodies))
+        rows, first = len(DIRECTORS) * each, PER_BODY * each[:, None] + 3
+        groups = []
+        for k, (i, j) in enumerate(DIRECTORS):
+            # A square has three constants, its value and a weight, a product twice three and two.
+            square = Shape(elements.SQUARE, 3, False, 3, 1, 1, 0, 0), [i], [0, 0, 0, 1, 1]
+            dot = Shape(elements.PRODUCT, 3, False, 6, 0, 1, 1, 0), [i, j], [*[0] * 6, 1, 1]
+            shape, terms, reals = square if i == j else dot
+            places = first + 3 * np.array(terms)
+            groups.append(Group(shape, rows + k, rows + k, places, np.tile(reals, (len(each), 1))))
+        self.elements.add_arrays(groups)
 
     # -- what it is asked for ------------------------------------------------------------------
 
     def weigh(self) -> None:
         """Masses are complete with their bodies."""
-        if not any(values.size for _, values in self.mass):
+        if not self.inertia.any():
             raise self.document.error(("bodies",), "no body has mass")
 
     def masses(self) -> tuple[IndexArray, Array]:
         """(2, k) places and values of M = S ⊗ 1."""
-        places, values = zip(*self.mass, strict=True)
-        return np.concatenate(places, axis=1).astype(np.int64), np.concatenate(values)
+        every = np.repeat(self.inertia[:, None], 3, axis=1)
+        body, c, row, column = np.nonzero(every)
+        return PER_BODY * body + 3 * np.stack([row, column]) + c, every[body, c, row, column]
 
     def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
         """Its bodies, joints and points."""
@@ -195,32 +212,13 @@ class Builder(builder.Builder):
             raise self.document.error(path, f"there is a point {path[1]} of the ground, too")
         body = self.body(point.on, (*path, "on"))
         self.sites[str(path[1])] = Side(body, np.array(point.at), {})
-        if point.mass:
-            self.point_masses.setdefault(body, []).append((np.array(point.at), point.mass))
 
     def _bodies(self, body: Body, path: KeyPath) -> None:
-        """What keeps a body rigid, and its mass with that of its points."""
+        """Rows of a body."""
         if path[1] == GROUND:
             message = "'ground' is what bodies stand on; give this body another name"
             raise self.document.error(path, message)
-        number = self.numbers[str(path[1])]
-        directors = [Sum((0.0,) * 3, [(PER_BODY * number + 3 * i, 1.0)]) for i in (1, 2, 3)]
-        for text, (i, j) in zip(INTERNAL, DIRECTORS, strict=True):
-            self.rows.append(Row(path, "", text))
-            if i == j:
-                self.add("SQUARE", directors[i], row=len(self.rows) - 1, parameters=(1.0,))
-            else:
-                self.add("PRODUCT", directors[i], directors[j], row=len(self.rows) - 1)
-        inertia = mass_of(body)
-        for at, mass in self.point_masses.get(number, ()):
-            weights = np.concatenate([[1.0], at])
-            inertia = inertia + mass * np.outer(weights, weights)
-        weight = np.outer(inertia[0], np.array(self.mechanism.gravity))
-        self.loads[4 * number : 4 * number + 4] += weight
-        rows, columns = np.nonzero(inertia)
-        for c in range(3):
-            places = PER_BODY * number + 3 * np.array([rows, columns]) + c
-            self.mass.append((places, inertia[rows, columns]))
+        self.rows += [Row(path, "", text) for text in INTERNAL]
 
     # -- references ----------------------------------------------------------------------------
 
@@ -329,7 +327,10 @@ class Builder(builder.Builder):
 
     def _joined(self, joint: Joint, a: Side, b: Side, path: KeyPath) -> float:
         """Length that a joint keeps, if any; its points must start where it asks for."""
-        kind, apart = JOINTS[joint.type], self._place(b) - self._place(a)
+        kind = JOINTS[joint.type]
+        if not (kind.length or isinstance(joint.at, dict)):
+            return 0.0
+        apart = self._place(b) - self._place(a)
         if kind.length:
             distance = float(np.linalg.norm(apart))
             if not distance > MISFIT * self.size:
@@ -337,13 +338,10 @@ class Builder(builder.Builder):
             length = joint.length or norm(apart)
             self.require_length("its points", distance - length, length, (*path, "length"))
             return length
-        if isinstance(joint.at, dict):
-            along = [
-                self._turned(a.body, a.vectors[dot.first]) for dot in kind.dots if dot.of_points
-            ]
-            missed = float(np.linalg.norm(apart if kind.meets else [x @ apart for x in along]))
-            message = f"its places on {joint.from_} and {joint.to} start {missed:.12g} m apart"
-            self.require(missed, MISFIT * self.size, (*path, "at"), message, "them")
+        along = [self._turned(a.body, a.vectors[dot.first]) for dot in kind.dots if dot.of_points]
+        missed = float(np.linalg.norm(apart if kind.meets else [x @ apart for x in along]))
+        message = f"its places on {joint.from_} and {joint.to} start {missed:.12g} m apart"
+        self.require(missed, MISFIT * self.size, (*path, "at"), message, "them")
         return 0.0
 
     def _about(
@@ -521,10 +519,12 @@ class Builder(builder.Builder):
 
     def velocities(self, u: Array) -> Array:
         """(n,) velocities that the file gives, where directors are those of a position."""
-        rates = np.empty((len(self.numbers), 4, 3))
-        of_bodies = zip(rates, self.mechanism.bodies.values(), u.reshape(-1, 4, 3), strict=True)
-        for rate, body, at in of_bodies:
-            rate[0], rate[1:] = body.velocity, product(at[1:], turning_rate(body).T)
+        bodies, rates = self.mechanism.bodies.values(), np.zeros((len(self.numbers), 4, 3))
+        rates[:, 0] = [body.velocity for body in bodies]
+        x, y, z = np.array([body.angular_velocity for body in bodies]).T
+        turning = np.array([[0 * x, z, -y], [-z, 0 * x, x], [y, -x, 0 * x]])  # (ω ×)ᵀ
+        for k, of_rates in enumerate(turning):
+            rates[:, 1:] += u.reshape(-1, 4, 3)[:, 1:, k, None] * of_rates.T[:, None]
         return rates.ravel()
 
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
@@ -548,20 +548,6 @@ class Builder(builder.Builder):
 
 
 VECTORS = ("origin", "d1", "d2", "d3")
-
-
-def turning_rate(body: Body) -> Array:
-    """(3, 3) matrix of ω ×."""
-    x, y, z = body.angular_velocity
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def mass_of(body: Body) -> Array:
-    """(4, 4) S of a body, M = S ⊗ 1: mass, first moments, Euler tensor about the origin."""
-    centre, inertia = np.array(body.centre), body.tensor
-    euler = np.trace(inertia) / 2 * np.eye(3) - inertia + body.mass * np.outer(centre, centre)
-    first = body.mass * centre
-    return np.block([[np.array([[body.mass]]), first[None]], [first[:, None], euler]])
 
 
 def _degrees(first: Array, second: Array) -> float:

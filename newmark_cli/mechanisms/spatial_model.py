@@ -5,6 +5,7 @@ Geometry is given as it stands at the start, in global axes.  Only ``centre``, `
 """
 
 import math
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -25,7 +26,6 @@ from newmark_cli.mechanisms.models import (
     Spring,
     branch,
 )
-from newmark_cli.problems.algebra import norm, product
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import StrictModel, Truth, misfit
@@ -74,15 +74,22 @@ TwoAxes = Annotated[
 ]
 
 
-def unit(direction: Any) -> Array:
-    """(3,) a direction with length 1."""
-    vector = np.asarray(direction, float)
-    vector = vector / np.abs(vector).max()
-    return np.asarray(vector / norm(vector))
+def dot(first: Any, second: Any) -> Array:
+    """(…) products of vectors (…, 3), terms added from the first to the last."""
+    terms = np.multiply(first, second)
+    return np.asarray(0.0 + terms[..., 0] + terms[..., 1] + terms[..., 2])
 
 
-def _skew(first: Any, second: Any) -> float:
-    return abs(float(unit(first) @ unit(second)))
+def unit(directions: Any) -> Array:
+    """(…, 3) directions with length 1."""
+    vectors = np.asarray(directions, float)
+    vectors = vectors / np.abs(vectors).max(axis=-1, keepdims=True)
+    return np.asarray(vectors / np.sqrt(dot(vectors, vectors))[..., None])
+
+
+def _cosine(first: Sequence[float], second: Sequence[float]) -> float:
+    size, other = math.hypot(*first), math.hypot(*second)
+    return sum(a / size * (b / other) for a, b in zip(first, second, strict=True))
 
 
 class Axes(StrictModel):
@@ -93,23 +100,9 @@ class Axes(StrictModel):
 
     @model_validator(mode="after")
     def _perpendicular(self) -> "Axes":
-        if _skew(self.x, self.y) > _SKEW:
-            raise misfit(
-                "y", f"must be perpendicular to x, the cosine is {_cosine(self.x, self.y)}"
-            )
+        if abs(cosine := _cosine(self.x, self.y)) > _SKEW:
+            raise misfit("y", f"must be perpendicular to x, the cosine is {cosine:.3g}")
         return self
-
-    @property
-    def matrix(self) -> Array:
-        """(3, 3) directors as columns."""
-        x = unit(self.x)
-        y = unit(np.asarray(self.y, float) - product(x, self.y) * x)
-        (a, b, c), (d, e, f) = x.tolist(), y.tolist()
-        return np.column_stack([x, y, [b * f - c * e, c * d - a * f, a * e - b * d]])
-
-
-def _cosine(first: Any, second: Any) -> str:
-    return f"{float(unit(first) @ unit(second)):.3g}"
 
 
 class Tensor(StrictModel):
@@ -177,16 +170,39 @@ class Body(StrictModel):
     def tensor(self) -> Array:
         """(3, 3) tensor of inertia about the centre, in body axes."""
         if self.box is not None:
-            squares = np.square(self.box)
-            return np.diag(self.mass / 12 * (squares.sum() - squares))
+            a, b, c = (edge * edge for edge in self.box)
+            return np.diag([self.mass / 12 * (a + b + c - square) for square in (a, b, c)])
         if isinstance(self.inertia, Tensor):
             return self.inertia.matrix
         return np.diag(np.asarray(self.inertia, float))
 
-    @property
-    def directors(self) -> Array:
-        """(3, 3) directors at the start, as columns."""
-        return np.eye(3) if self.axes is None else self.axes.matrix
+
+def directors(bodies: Iterable[Body]) -> Array:
+    """(b, 3, 3) directors of bodies at the start, one a row."""
+    given = [
+        ((1, 0, 0), (0, 1, 0)) if (of := body.axes) is None else (of.x, of.y) for body in bodies
+    ]
+    first, second = np.array(given, float).transpose(1, 0, 2)
+    x = unit(first)
+    y = unit(second - dot(x, second)[:, None] * x)
+    (a, b, c), (d, e, f) = x.T, y.T
+    return np.stack([x, y, np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)], axis=1)
+
+
+def inertias(bodies: Iterable[Body]) -> Array:
+    """(b, 4, 4) S of bodies, M = S ⊗ 1: mass, first moments, Euler tensor about the origin."""
+    bodies = list(bodies)
+    mass, centre, tensor = (
+        np.array([getattr(body, key) for body in bodies], float)
+        for key in ("mass", "centre", "tensor")
+    )
+    found = np.empty((len(bodies), 4, 4))
+    found[:, 0, 0] = mass
+    found[:, 0, 1:] = found[:, 1:, 0] = mass[:, None] * centre
+    half = np.trace(tensor, axis1=1, axis2=2) / 2
+    squares = centre[:, :, None] * centre[:, None]
+    found[:, 1:, 1:] = half[:, None, None] * np.eye(3) - tensor + mass[:, None, None] * squares
+    return found
 
 
 def _listed(numbers: Any) -> str:
@@ -243,10 +259,8 @@ class Joint(StrictModel):
                 errors.append(misfit(key, f"missing: a {self.type} joint has it"))
             if kind.axes != count and given:
                 errors.append(misfit(key, f"a {self.type} joint has no '{key}'"))
-        if isinstance(self.axes, tuple) and _skew(*self.axes) > _SKEW:
-            errors.append(
-                misfit("axes", f"must be perpendicular, the cosine is {_cosine(*self.axes)}")
-            )
+        if isinstance(self.axes, tuple) and abs(cosine := _cosine(*self.axes)) > _SKEW:
+            errors.append(misfit("axes", f"must be perpendicular, the cosine is {cosine:.3g}"))
         if self.length is not None and not kind.length:
             errors.append(misfit("length", f"a {self.type} joint has no 'length'"))
         for key in ("at", "axis", "axes"):

@@ -4,7 +4,9 @@ Both tables and all places are laid out together for elements of one shape, one 
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from array import array
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,46 +20,23 @@ from newmark_cli.support.arrays import Array, IndexArray
 Term = tuple[Any, ...]
 
 
-@dataclass(frozen=True)
-class Element:
-    """An element, but for where its values go.
-
-    Attributes:
-        kind: One of the kinds of `elements`.
-        components: Of its vectors; 0 where it has single coordinates only.
-        row: Its constraint, if it is one.
-        first, second, single: Terms.
-        constants: What is constant of its combinations.
-        parameters: Those of its kind.
-        turned: Whether weights are a and b of a + bR.
-        timed: Laws of time.
-    """
-
-    kind: int
-    components: int
-    row: int = -1
-    first: Sequence[Term] = ()
-    second: Sequence[Term] = ()
-    single: Sequence[Term] = ()
-    constants: Sequence[float] = ()
-    parameters: Sequence[float] = ()
-    turned: bool = False
-    timed: Sequence[laws.Timed] = ()
-
-    @property
-    def shape(self) -> "Shape":
-        """What it has in common with others."""
-        counts = map(len, (self.first, self.second, self.single))
-        given = len(self.constants), len(self.parameters)
-        return Shape(self.kind, self.components, self.turned, *given, *counts)
-
-
+#: Of elements of one shape, one after the other.
+_Columns = tuple["array[int]", "array[int]", "array[int]", "array[float]"]
 #: A place in the values of a matrix: term of the row and a coordinate of it, and of the column.
 _Entry = tuple[int, int, int, int]
 
 
 class Shape(NamedTuple):
-    """What elements have in common whose rows of the tables look alike: see `Element`."""
+    """What elements have in common whose rows of the tables look alike.
+
+    Attributes:
+        kind: One of the kinds of `elements`.
+        components: Of their vectors; 0 where they have single coordinates only.
+        turned: Whether weights are a and b of a + bR.
+        constants: Numbers that are constant of their combinations.
+        parameters: Numbers of parameters of their kind.
+        first, second, single: Numbers of terms.
+    """
 
     kind: int
     components: int
@@ -175,26 +154,72 @@ class Tables:
         return Pattern(*mass, *self.x, *self.y, *self.g)
 
 
-def grouped(given: Sequence[Element]) -> Iterator[Group]:
-    """Elements by their shape."""
-    shapes: dict[Shape, list[int]] = {}
-    for number, element in enumerate(given):
-        shapes.setdefault(element.shape, []).append(number)
-    for shape, numbers in shapes.items():
-        these = [given[number] for number in numbers]
-        terms = [(*one.first, *one.second, *one.single) for one in these]
-        places = [[place for place, *_ in of] for of in terms]
-        reals = [
-            [*one.constants, *one.parameters, *(w for _, *ws in of for w in ws)]
-            for one, of in zip(these, terms, strict=True)
-        ]
-        yield Group(
-            shape,
-            np.array(numbers, np.int64),
-            np.array([one.row for one in these], np.int64),
-            np.array(places, np.int64).reshape(len(these), -1),
-            np.array(reals, float).reshape(len(these), -1),
+class ElementList:
+    """Elements in the order in which they are added, which is that of the tables.
+
+    Attributes:
+        timed: Numbers of elements, and laws of time that act on them.
+    """
+
+    def __init__(self) -> None:
+        """Without elements."""
+        self.timed: list[tuple[int, laws.Timed]] = []
+        self._size = 0
+        self._arrays: list[Group] = []
+        #: Numbers, rows, places and reals of elements that are added one by one.
+        self._columns: defaultdict[Shape, _Columns] = defaultdict(
+            lambda: (array("q"), array("q"), array("q"), array("d"))
         )
+
+    def add(
+        self, shape: Shape, row: int, constants: Iterable[float], parameters: Iterable[float],
+        terms: Sequence[Term], timed: Iterable[laws.Timed],
+    ) -> None:  # fmt: skip
+        """Add an element, with its constraint or −1, and laws of time that act on it."""
+        numbers, rows, places, reals = self._columns[shape]
+        numbers.append(self._size)
+        rows.append(row)
+        places.extend([term[0] for term in terms])
+        reals.extend(constants)
+        reals.extend(parameters)
+        for term in terms:
+            reals.extend(term[1:])
+        self.timed += [(self._size, law) for law in timed]
+        self._size += 1
+
+    def add_arrays(self, groups: Iterable[Group]) -> None:
+        """Add groups, whose elements are numbered from 0 on among themselves."""
+        groups = [group._replace(numbers=group.numbers + self._size) for group in groups]
+        self._arrays += groups
+        self._size += sum(len(group.numbers) for group in groups)
+
+    def tables(self, released: Sequence[int] = ()) -> "Tables":
+        """The tables without the constraints of these numbers, in their order."""
+        groups = self._arrays + [
+            Group(
+                shape,
+                np.array(numbers, np.int64),
+                np.array(rows, np.int64),
+                np.array(places, np.int64).reshape(len(numbers), -1),
+                np.array(reals, float).reshape(len(numbers), -1),
+            )
+            for shape, (numbers, rows, places, reals) in self._columns.items()
+        ]
+        kept = np.ones(self._size, bool)
+        for group in groups:
+            kept[group.numbers] = ~np.isin(group.rows, released)
+        number = np.cumsum(kept) - 1
+        chosen = []
+        for shape, numbers, rows, places, reals in groups:
+            here = kept[numbers]
+            left = (rows - np.searchsorted(released, rows))[here]
+            chosen.append(Group(shape, number[numbers[here]], left, places[here], reals[here]))
+        return tables(chosen, [(number[i], law) for i, law in self.timed if kept[i]])
+
+    @property
+    def until(self) -> float:
+        """Time (s) up to which all laws say anything."""
+        return min((laws.until(law.law) for _, law in self.timed), default=math.inf)
 
 
 def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()) -> Tables:
@@ -214,11 +239,12 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
     ints = np.zeros(begins[0, -1], np.int64)
     numbers_of = np.zeros(begins[1, -1])
     x, y, g = (np.zeros((2, size), np.int64) for size in begins[2:, -1])
-    given_at = np.zeros(count, np.int64)
+    given_at, driven_at = np.zeros((2, count), np.int64)
     for (shape, numbers, rows, places, reals), values in zip(groups, entries, strict=True):
         at = begins[:, numbers]
         parameters = at[1] + shape.constants
         given_at[numbers] = parameters
+        driven_at[numbers] = parameters + shape.parameters - elements.LAW
         header = [
             shape.kind, sizes[0, numbers], at[1], parameters, parameters + shape.parameters, rows,
             *at[2:], shape.components, shape.turned, shape.parameters, shape.first, shape.second,
@@ -236,11 +262,10 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
             term, coordinate = values[2]
             _put(g[0], at[4], places[:, term] + coordinate)
             _put(g[1], at[4], np.repeat(rows[:, None], len(term), axis=1))
-    drives = {number: shape.parameters - elements.LAW for shape, of, *_ in groups for number in of}
     behind, values_behind = ints.tolist() if timed else [], list[float]()
     chunks = laws.chunks(
         [
-            (int(given_at[i]) + (drives[i] if law.target is None else law.target), law)
+            (int(driven_at[i] if law.target is None else given_at[i] + law.target), law)
             for i, law in timed
         ]
     )
@@ -259,17 +284,6 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
 def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray) -> None:
     """Rows of values, each from its place on."""
     to[begins[:, None] + np.arange(values.shape[1])] = values
-
-
-def of_elements(given: Sequence[Element]) -> Tables:
-    """The tables of elements in their order."""
-    timed = [(number, law) for number, one in enumerate(given) for law in one.timed]
-    return tables(grouped(given), timed)
-
-
-def until(given: Sequence[Element]) -> float:
-    """Time (s) up to which all laws of some elements say anything."""
-    return min((laws.until(law.law) for one in given for law in one.timed), default=math.inf)
 
 
 def loads(numbers: IndexArray, places: IndexArray, forces: Array) -> Group:
