@@ -206,6 +206,7 @@ def test_what_random_changes_leave_walks():
     assert orders(*how, Change(0.5, 1.0)) == (2, 2)
 
 
+@pytest.mark.usefixtures("few_draws")
 @each(
     "integrator, formulation, told",
     [
