@@ -25,14 +25,20 @@ cases:
 """
 
 
-def write_study(cli, at_import="", in_calls=""):
-    """The study, with what its first problem does."""
-    cli.write("own/good.py", SWING)
+def write_problem(cli, name, at_import="", in_calls=""):
+    """A problem in a file, with what it does."""
     head = "    def force(u, v, t):\n"
     assert head in SWING
     called = SWING.replace(head, f"{head}        {in_calls or 'pass'}\n")
-    cli.write("own/bad.py", f"{called}\n{at_import}\n")
-    cli.write("mixed.yaml", STUDY)
+    cli.write(f"own/{name}.py", f"{called}\n{at_import}\n")
+
+
+def write_study(cli, *bad):
+    """The study, with any problems in place of the first."""
+    cli.write("own/good.py", SWING)
+    own = '{python: "own/bad.py:swing"}'
+    named = ", ".join(own.replace("bad", name) for name in bad)
+    cli.write("mixed.yaml", STUDY.replace(own, f"[{named}]"))
 
 
 def rows(folder, *problems):
@@ -43,41 +49,35 @@ def rows(folder, *problems):
     return found
 
 
-@pytest.fixture(scope="module")
-def clean(tmp_path_factory, warm):
-    """Results of the study where its first problem does no harm."""
-    cli = CommandLine(tmp_path_factory.mktemp("clean"), warm)
-    write_study(cli)
-    cli("run", "mixed.yaml", "--allow-code")
-    return cli.folder / "results"
+def test_harm_stays_in_its_cells(cli, tmp_path_factory):
+    """Who replaces a function of NumPy changes its own rows only, who changes the folder none.
 
-
-def test_patches_stay_in_their_cells(cli, clean):
-    """Problems that replace a function of NumPy change their own rows, and no others."""
-    write_study(cli, in_calls=HARM["patches"])
-    cli.write("own/worse.py", f"{SWING}\n{HARM['patches']}\n")
-    own = '{python: "own/bad.py:swing"}'
-    cli.write("mixed.yaml", STUDY.replace(own, f"[{own}, {own.replace('bad', 'worse')}]"))
+    Results and files that are named by relative paths are where they were.
+    """
+    clean = CommandLine(tmp_path_factory.mktemp("clean"), cli.warm)
+    write_problem(clean, "bad")
+    write_study(clean, "bad")
+    clean("run", "mixed.yaml", "--allow-code")
+    usual = clean.folder / "results"
+    for name, harm in HARM.items():
+        write_problem(cli, f"{name}-in-calls", in_calls=harm)
+        write_problem(cli, f"{name}-at-import", at_import=harm)
+    names = [f"{name}-{when}" for name in HARM for when in ("in-calls", "at-import")]
+    write_study(cli, *names)
     # One process after the other where all cells would once have shared one.
     cli("run", "mixed.yaml", "--allow-code", "--jobs", 1)
-    patched = cli.folder / "results"
-    assert rows(patched, "good.py:swing", "pendulum") == rows(clean, "good.py:swing", "pendulum")
-    for name in ("bad.py:swing", "worse.py:swing"):
-        theirs = rows(patched, name)
-        for row, other in zip(theirs, rows(clean, "bad.py:swing"), strict=True):
-            assert row[2:] != other[2:]
+    found = cli.folder / "results"
+    assert rows(found, "good.py:swing", "pendulum") == rows(usual, "good.py:swing", "pendulum")
+    without = rows(usual, "bad.py:swing")
+    for name in names:
+        theirs = [[row[0], *row[2:]] for row in rows(found, f"{name}.py:swing")]
+        if name.startswith("folder"):
+            assert theirs == [[row[0], *row[2:]] for row in without]
+            continue
+        for row, other in zip(theirs, without, strict=True):
+            assert row[1:] != other[2:]
             assert "42.0" in row
-
-
-@pytest.mark.parametrize("where", ["at_import", "in_calls"])
-def test_who_changes_the_folder_moves_nothing(cli, clean, where):
-    """Results and files that are named by relative paths are where they were."""
-    write_study(cli, **{where: HARM["folder"]})
-    cli("run", "mixed.yaml", "--allow-code")
-    names = ("bad.py:swing", "good.py:swing", "pendulum")
-    assert rows(cli.folder / "results", *names) == rows(clean, *names)
-    found = sorted(path.name for path in cli.folder.iterdir())
-    assert found == ["mixed.yaml", "own", "results"]
+    assert sorted(path.name for path in cli.folder.iterdir()) == ["mixed.yaml", "own", "results"]
 
 
 #: Exceptions that are hard to tell of, with what is said of them.
@@ -108,9 +108,9 @@ ENDS = {
 
 def write_studies(cli, at_import="", in_calls=""):
     """A problem for each kind of mistake, whose code stands for CODE; how each is spelled."""
+    cli.write("own/good.py", SWING)
     for kind, (code, _) in {**HARD, **ENDS}.items():
-        write_study(cli, at_import.replace("CODE", code), in_calls.replace("CODE", code))
-        (cli.folder / "own/bad.py").rename(cli.folder / f"own/{kind}.py")
+        write_problem(cli, kind, at_import.replace("CODE", code), in_calls.replace("CODE", code))
     return {kind: f'{{python: "own/{kind}.py:swing"}}' for kind in (*HARD, *ENDS)}
 
 
