@@ -1,75 +1,11 @@
-"""Corrected starts: from them the trapezoidal rule's multipliers do not alternate."""
-
-from functools import cache
+"""Velocities of corrected starts; `test_formulations_accuracy` has what they are for."""
 
 import numpy as np
-import pytest
 from each import each
-from marching import march
-from mechanisms import built
 from mpmath import matrix, mp, mpf
 
-from newmark_cli.newmark import compiled_march
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.integrator import HHT, GeneralizedAlpha, Newmark
-from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.scaling import named_scaling
-from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.starting import constraint_jerk, corrected_velocity
-
-THROWN = """\
-points:
-  O: {fixed: [0, 0]}
-  P: {at: [1, 0], mass: MASS, velocity: [0, 1]}
-bars:
-  rod: {from: O, to: P, length: 1}
-gravity: [0, -1]
-"""
-TRAPEZOIDAL = [Newmark(), GeneralizedAlpha(1.0), HHT(0.0)]
-
-
-def thrown(mass="1"):
-    """The pendulum thrown from the horizontal with v₀ = 1."""
-    return built(THROWN.replace("MASS", mass))
-
-
-@cache
-def swinging():
-    """Angle of the thrown pendulum and its rate at any time, to 25 digits."""
-    # It keeps the series that it has found: one for all times is one integration.
-    return mp.odefun(lambda _, y: [y[1], -mp.cos(y[0])], 0, [mpf(0), mpf(1)], tol=mpf(10) ** -25)
-
-
-def exact(t):
-    """λ of the thrown pendulum, y − |v|²."""
-    with mp.workdps(30):
-        angle, rate = swinging()(mpf(t))
-        return float(mp.sin(angle) - rate**2)
-
-
-def multiplier(subject, h, t, integrator=None, evaluation=COMPENSATED, correct=None):
-    """λ at time t; ``correct`` takes the start and h to a corrected v₀."""
-    form = FORMS["u-lambda"]
-    scaling = named_scaling("optimal", form)
-    scheme = Scheme(integrator or Newmark(), form, scaling, h, evaluation=evaluation)
-    state = initial_state(subject, scheme)
-    if correct is not None:
-        # v and, of the past, v: the accelerations stay as they were.
-        fields = state.fields.copy()
-        fields[1] = correct(subject, h)
-        state = state._replace(fields=fields, past=scheme.relations.start @ fields[:3])
-    march(compiled_march, subject, scheme, state, 0, round(t / h))
-    return state.multipliers[0]
-
-
-def worst_near(subject, h, t, integrator, correct):
-    """Largest error of λ in four steps from t: what oscillates may vanish at one."""
-    times = [t + k * h for k in range(4)]
-    return max(
-        abs(multiplier(subject, h, s, integrator, correct=correct) - exact(s)) for s in times
-    )
-
 
 RIPPLES = """
 import numpy as np
@@ -147,16 +83,3 @@ def test_the_jerk_where_constraints_are_neither_quadratic_nor_free_of_time(tmp_p
     pulled = subject.M @ change
     inside = gradient @ np.linalg.lstsq(gradient, pulled, rcond=None)[0]
     np.testing.assert_allclose(inside, pulled, rtol=0, atol=1e-9 * np.abs(pulled).max())
-
-
-def test_corrected_starts_give_multipliers_of_order_two():
-    """The thrown pendulum at t = 1, compensated: 1.9e-6 at h = 1e-3, in every spelling."""
-    subject = thrown()
-    h = np.array([4e-3, 2e-3, 1e-3])
-    usual, *spellings = TRAPEZOIDAL
-    errors = [worst_near(subject, s, 1.0, usual, corrected_velocity) for s in h]
-    assert np.polyfit(np.log(h), np.log(errors), 1)[0] == pytest.approx(2, abs=0.05)
-    assert errors[-1] == pytest.approx(1.9e-6, rel=0.1)
-    for integrator in spellings:
-        error = worst_near(subject, h[0], 1.0, integrator, corrected_velocity)
-        assert error == pytest.approx(errors[0], rel=1e-6), integrator.label
