@@ -304,8 +304,7 @@ def test_wrong_derivatives_are_refused_at_load(given):
     assert refused >= 5
 
 
-@each("factor", [1.01, 2.0, -1.0])
-@each("compiled", [False, True])
+@each("factor, compiled", [(1.01, False), (2.0, False), (-1.0, False), (1.01, True)])
 def test_the_message_names_entry_and_both_values(factor, compiled):
     """A pendulum from a level start, where the wrong entry is 0."""
 

@@ -122,7 +122,7 @@ def test_where_symmetric(name, form, h):
 def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
     """And without scaling the tolerance is out of reach, whatever the solver makes of it."""
     state, counts = in_motion(LONG), []
-    for h in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+    for h in (1e-2, 1e-4, 1e-6):
         scheme = scheme_of("u-lambda", "optimal", h)
         values, rhs = values_of(LONG, state), right_hand_side(scheme, LONG)
         system = systems.system(solver, LONG, scheme)
