@@ -52,37 +52,42 @@ STUDY = {
 }  # fmt: skip
 COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
 
-#: The command, where advice draws less often what rounding does, marches are timed once, and a
-#: figure is rendered once, whatever the kinds of its files: no page shows these numbers, or files.
+#: The command, where advice draws less often what rounding does, marches are timed once, and of
+#: several figures the first is drawn and stands for all: no page shows these numbers, or files.
 #: Processes for code of the user's import it, too.
 QUICKER = """from newmark_cli.cli import advising
 from newmark_cli.console import main
 from newmark_cli.advice import linearised
-from newmark_cli.report.drawing import style
 from newmark_cli.study import compute
 
 compute._MEASURED = 1e-9
 linearised._SAMPLES, linearised._ROUGHLY = 2, 1
 original = advising._advised
-rendered = style.rendered
-files = {}
 
 
 def advised(spec, options):
     return original(spec, options)
 
 
-def rendered_once(figure, kind, *settings):
-    if id(figure) not in files:
-        files[id(figure)] = figure, rendered(figure, kind, *settings)
-    return files[id(figure)][1]
+def once(function):
+    found = []
+
+    def first(*arguments, **options):
+        if not found:
+            found.append(function(*arguments, **options))
+        return found[0]
+
+    return first
 
 
 if __name__ == "__main__":
     import quicker
+    from newmark_cli.report import page
+    from newmark_cli.report.drawing import draw, rendering, style
 
     advising._advised = quicker.advised
-    style.rendered = rendered_once
+    draw.drawn, rendering._WORTH = once(draw.drawn), 10**9
+    style.rendered = page.rendered = once(style.rendered)
     main()
 """
 
@@ -169,7 +174,7 @@ class Reader:
                 continue
             assert program == "newmark-study", command
             script = SCRIPT
-            if rest[0] in ("advise", "draw", "plot") or "--timed" in rest:
+            if rest[0] in ("advise", "draw", "plot", "report") or "--timed" in rest:
                 assert rest[0] != "advise" or not command.shown, command
                 script = self.cli.write("quicker.py", QUICKER)
             done = self.cli.warm.run(rest, self.cli.folder, script)
