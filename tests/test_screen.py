@@ -96,10 +96,7 @@ def test_no_command_prints_control_characters(cli, hostile):
     assert r"d\x1b[31m\u202e" in cli("info").stdout
 
 
-NAMES = (
-    "$x^2$", "$", "$$", r"\frac{", r"$\frac{$", r"\$x$", "a_b^c{}", "<b>&amp;", BAD, "-->", "]]>",
-    r"\input{/etc/passwd}",
-)  # fmt: skip
+NAMES = ("$x^2$", "$", r"\frac{", r"$\frac{$", r"\$x$", "a_b^c{}", "<b>&amp;]]>-->", BAD)
 
 
 @each("name, fits", [*((name, True) for name in NAMES), ("$x^2$", False), (BAD, False)])

@@ -63,7 +63,7 @@ BITS = """\
 study: bits
 cases:
   - problem: [andrews, spatial-slider-crank, {chain: {links: 3}}]
-    form: [u-lambda, u-v-a-lambda]
+    form: u-v-a-lambda
     preconditioning: [none, optimal]
     h: 1e-3
     t_end: 0.002
