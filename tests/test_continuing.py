@@ -11,7 +11,6 @@ from each import each
 from scipy.integrate import solve_ivp
 
 import newmark_cli as newmark
-from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 
 ALPHA = "generalized-alpha rho=0.9"
 INTEGRATORS = ("trapezoidal", ALPHA, "generalized-alpha rho=0.5", "hht alpha=0.1", "bdf2")
@@ -57,27 +56,6 @@ def changed(h, ratio, options):
         warnings.simplefilter("always")
         rest = newmark.march("pendulum", h=h * ratio, t_end=2, state=first.state, **options)
     return error(rest), caught
-
-
-@each(
-    "integrator, ratio, errors",
-    [
-        (ALPHA, 1 / 2, (0.21, 0.10, 0.052)),
-        (ALPHA, 1 / 10, (1.4, 0.68, 0.34)),
-        ("hht alpha=0.1", 1 / 2, (0.061, 0.030, 0.015)),
-        ("bdf2", 1 / 2, (0.0274, 0.0139, 0.0070)),
-        ("trapezoidal", 1 / 2, (3.4, 3.4, 3.4)),
-        ("trapezoidal", 1 / 10, (110, 110, 110)),
-    ],
-)
-def test_index_3_loses_an_order_behind_another_h(integrator, ratio, errors):
-    """λ is of order 1 where it was of order 2, of none without damping; and it is said, once."""
-    for h, expected in zip((0.02, 0.01, 0.005), errors, strict=True):
-        found, caught = changed(h, ratio, {"integrator": integrator, "auxiliary": "rescale"})
-        assert found == pytest.approx(expected, rel=0.06)
-        (warning,) = caught
-        assert (warning.category, warning.filename) == (newmark.NewmarkWarning, __file__)
-        assert error(newmark.march("pendulum", h=h, t_end=2, integrator=integrator)) < 5 * h**2
 
 
 @each("integrator", INTEGRATORS)
@@ -190,25 +168,3 @@ def test_nothing_is_said_where_nothing_is_lost():
             options = {"integrator": ALPHA, "evaluation": evaluation}
             state = newmark.march(mechanism, h=0.01, t_end=3, every=0, **options).state
             newmark.march(mechanism, h=0.005, steps=1, state=state, **options)
-
-
-def test_what_integrators_carry_over():
-    """BDF2 with steps of any two sizes is exact for a motion of second degree; a that lags v'."""
-    motion = np.polynomial.Polynomial([0.3, -1.1, 0.7])
-    velocity, acceleration = motion.deriv(), motion.deriv(2)
-    h, before = 0.03, 0.1
-    relations = BDF2().relations(h, h / before)
-    w = motion(0) - motion(-before) - before * velocity(-before)
-    past = np.array([motion(0), velocity(0), w, velocity(0) - velocity(-before)])
-    v = relations.v_from_a * acceleration(h) + relations.v_past @ past
-    assert v == pytest.approx(velocity(h), rel=1e-14)
-    # u by its own formula, in u and v, from both steps.
-    q = h / before
-    u = ((1 + q) ** 2 * motion(0) - q**2 * motion(-before) + (1 + q) * h * velocity(h)) / (
-        1 + 2 * q
-    )
-    found = relations.u_from_a * acceleration(h) + relations.u_past @ past
-    assert found == pytest.approx(u, rel=1e-14)
-    carried = GeneralizedAlpha(0.9).relations(0.1).carried("rescale-velocity", 0.1, 0.5, -0.75)
-    found = carried @ [1.0, 2.0, 5.0, 3.0, 3.0, 0.4]
-    assert found.tolist() == pytest.approx([1.0, 1.7, 4.0, 3.0])

@@ -104,8 +104,8 @@ def test_a_run_with_any_name_can_be_read(cli):
     cli.write("mine.py", SWING)
     config = {
         "study": "odd", "problem": {"python": "mine.py:swing", "args": {"what": name}},
-        "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.01, 0.001], "t_end": 1.0,
-        "measure": ["correction", "history"],
+        "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.05, 0.02], "t_end": 1.0,
+        "measure": ["condition", "history"],
     }  # fmt: skip
     cli.write("odd.yaml", json.dumps(config))
     cli("run", "odd.yaml", "--allow-code")
@@ -114,7 +114,7 @@ def test_a_run_with_any_name_can_be_read(cli):
     assert read_study(path)["problem"].unique().tolist() == [label]
     for command in (("check",), ("show", "odd"), ("verify",), ("info", "--cells")):
         cli(*command)
-    cli("plot", "odd", "--measure", "correction", "--quantity", "u", "--format", "svg")
+    cli("plot", "odd", "--measure", "condition", "--format", "svg")
     cli("compare", "results", "results")
     # The name has one line feed, so that a row takes two lines.
     before, *rest = path.read_bytes().split(b",ok,")

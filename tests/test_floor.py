@@ -92,53 +92,6 @@ def test_floors_of_formulations_are_predicted(formulation):
         assert np.all(np.abs(np.median(found, axis=0)) < np.log(2))
 
 
-def test_floors_of_an_independent_march():
-    """A pendulum in plain NumPy: (v, λ), unscaled, corrections until they grow."""
-    h, steps, gamma, beta = 1e-3, 1000, 0.5, 0.25
-    u, v, a, lam = np.array([1.0, 0.0]), np.zeros(2), np.array([0.0, -1.0]), 0.0
-    last = []
-    states = []
-    for step in range(1, steps + 1):
-        history = v / (gamma * h) + (1 / gamma - 1) * a
-        base = u + h * (1 - beta / gamma) * v + h**2 * (0.5 - beta / gamma) * a
-        new = v + (-beta * h**2 * (0.5 / beta - 1) * a) * gamma / (beta * h)
-        before, small, recorded = np.inf, 0, None
-        for _ in range(50):
-            place = base + h * beta / gamma * new
-            residual = np.array(
-                [*(new / (gamma * h) - history - [0, -1] - place * lam), (place @ place - 1) / 2]
-            )
-            jacobian = np.zeros((3, 3))
-            jacobian[:2, :2] = np.eye(2) * (1 / (gamma * h) - lam * h * beta / gamma)
-            jacobian[:2, 2], jacobian[2, :2] = -place, place * h * beta / gamma
-            change = np.linalg.solve(jacobian, -residual)
-            norm = np.linalg.norm(change)
-            if small >= 2 and norm >= before:
-                break
-            recorded, before = change, norm
-            new, lam = new + change[:2], lam + change[2]
-            small = small + 1 if h * beta / gamma * np.linalg.norm(change[:2]) < 1e-8 else 0
-            if norm == 0:
-                break
-        a = (new - v) / (gamma * h) - (1 / gamma - 1) * a
-        v, u = new, base + h * beta / gamma * new
-        last.append(recorded)
-        if step % 100 == 0:
-            states.append((u, v, a, lam))
-    measured = np.array([[np.linalg.norm(c[:2]), abs(c[2])] for c in last])
-    subject = subject_of("pendulum")
-    scheme = scheme_of("v-lambda", h, Newmark(), variant="none")
-    predicted = []
-    for at_u, at_v, at_a, at_lam in states:
-        fields = np.array([at_u, at_v, at_a, at_a])
-        state = initial_state(subject, scheme)._replace(
-            fields=fields, past=fields[:3], multipliers=np.array([at_lam])
-        )
-        predicted.append(list(floor(subject, scheme, 0.0, state).physical.values()))
-    quotient = np.sqrt(np.mean(np.square(predicted), 0) / np.mean(measured**2, 0))
-    assert np.all((quotient > 0.5) & (quotient < 2)), quotient
-
-
 def test_exact_zeros_are_predicted():
     """Φ of a pendulum is often exactly zero, and then so is the correction."""
     subject, scheme = subject_of("pendulum"), scheme_of("v-lambda", 1e-3, GeneralizedAlpha(0.9))
