@@ -33,10 +33,10 @@ def quick_results(tmp_path_factory, warm):
 
 @pytest.fixture(scope="module")
 def pendulum_results(tmp_path_factory, warm):
-    """Results of `pendulum-u`, with Figure 1 drawn."""
+    """Results of `pendulum-u`, with a figure."""
     cli = CommandLine(tmp_path_factory.mktemp("pendulum"), warm)
     cli("run", "pendulum-u")
-    cli("plot", "1")
+    cli.write("results/figures/figure-1.svg", "drawn before")
     return cli.folder / "results"
 
 
@@ -91,17 +91,32 @@ def test_shipped_configs_work_from_any_folder(cli):
 
 
 def test_plot_and_check_read_the_csv_alone(cli, pendulum_results):
-    """Figures, slopes.csv, the table and its JSON; a second drawing has the same bytes."""
+    """Figures that it is enough for, slopes.csv, the table and its JSON; the same bytes twice.
+
+    The other figures are named in one line, with what to run for them.
+    """
     (cli.folder / "results").mkdir()
     shutil.copy(pendulum_results / "pendulum-u.csv", cli.folder / "results")
-    done = cli("plot", "2")
-    names = ["figure-2.png", "figure-2.svg"]
-    assert done.stdout.split() == [f"results/figures/{name}" for name in names]
+    # A study of one's own under a shipped one's name is not enough for Figure 14.
+    text = (pendulum_results / "pendulum-u.csv").read_text()
+    other = cli.write("results/precision.csv", text.replace("pendulum-u,", "precision,"))
+    done = cli("plot")
+    drawn = [f"results/figures/figure-{n}.{s}" for n in (1, 2, 3) for s in ("png", "svg")]
+    assert done.stdout.split() == drawn
+    rest = [name for name in FIGURES if name not in ("1", "2", "3")]
+    studies = dict.fromkeys(FIGURES[name].study for name in rest)
+    assert done.stderr == (
+        f"newmark-study: not drawn: figures {', '.join(rest)}; "
+        f"run 'newmark-study run {' '.join(studies)}' first\n"
+    )
+    assert "figure 14 needs none, float32, " in cli.refused("plot", "14")
+    assert "history/history.csv: cannot be read" in cli.refused("plot", "15")
+    other.unlink()
     first = snapshot(cli.folder / "results/figures")
-    assert sorted(map(str, first)) == names
-    slopes = (cli.folder / "results/slopes.csv").read_bytes()
-    cli("plot", "2")
+    assert [f"results/figures/{name}" for name in sorted(map(str, first))] == drawn
+    assert cli("plot", "2").stdout.split() == drawn[2:4]
     assert snapshot(cli.folder / "results/figures") == first
+    slopes = (cli.folder / "results/slopes.csv").read_bytes()
     done = cli("check")
     assert (cli.folder / "results/slopes.csv").read_bytes() == slopes
     assert "12 of 12 slopes as predicted" in done.stdout
@@ -320,26 +335,6 @@ def test_missing_series(cli):
     cli.write("s.yaml", QUICK.replace("study: quick", "study: pendulum-u"))
     cli("run", "s.yaml")
     assert "figure 1 needs left, right" in cli.refused("plot", "1")
-
-
-def test_plot_draws_what_the_results_are_enough_for(cli, pendulum_results):
-    """Without names: the rest is named in one line, with what to run for it."""
-    (cli.folder / "results").mkdir()
-    shutil.copy(pendulum_results / "pendulum-u.csv", cli.folder / "results")
-    # A study of one's own under a shipped one's name is not enough for Figure 14.
-    text = (pendulum_results / "pendulum-u.csv").read_text()
-    cli.write("results/precision.csv", text.replace("pendulum-u,", "precision,"))
-    done = cli("plot")
-    drawn = [f"results/figures/figure-{n}.{s}" for n in (1, 2, 3) for s in ("png", "svg")]
-    assert done.stdout.split() == drawn
-    rest = [name for name in FIGURES if name not in ("1", "2", "3")]
-    studies = dict.fromkeys(FIGURES[name].study for name in rest)
-    assert done.stderr == (
-        f"newmark-study: not drawn: figures {', '.join(rest)}; "
-        f"run 'newmark-study run {' '.join(studies)}' first\n"
-    )
-    assert "figure 14 needs none, float32, " in cli.refused("plot", "14")
-    assert "history/history.csv: cannot be read" in cli.refused("plot", "15")
 
 
 def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):

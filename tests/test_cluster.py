@@ -83,11 +83,14 @@ def running(cli, address, *options):
     )  # fmt: skip
 
 
-def test_a_dead_worker_is_replaced(cli, study, scheduler):
-    """Three workers, one killed: every cell done, the same bytes as from threads."""
+def test_workers_may_come_late_and_die(cli, study, scheduler):
+    """The run says that it waits; three come and one is killed: the same bytes as from threads."""
     _, address, workers = scheduler
+    run = running(cli, address, "-v")
+    assert run.stderr.readline() == f"24 cells on the workers of {address}\n"
+    line = run.stderr.readline()
+    assert line == f"waiting for workers: the dask scheduler at {address} has none\n"
     first, *_ = workers(3)
-    run = running(cli, address)
     wait_for_cells(cli.folder / "dask", 2)
     first.send_signal(signal.SIGKILL)
     output, errors = run.communicate(timeout=120)
@@ -122,19 +125,6 @@ def test_no_scheduler(cli, monkeypatch):
     )
     (line,) = done.stderr.splitlines()
     assert "no dask scheduler at tcp://127.0.0.1:9" in line
-
-
-def test_workers_that_come_late(cli, study, scheduler):
-    """The run says that it waits, and goes on when a worker is there."""
-    _, address, workers = scheduler
-    run = running(cli, address, "-v")
-    assert run.stderr.readline() == f"24 cells on the workers of {address}\n"
-    line = run.stderr.readline()
-    assert line == f"waiting for workers: the dask scheduler at {address} has none\n"
-    workers(1)
-    output, errors = run.communicate(timeout=120)
-    assert run.returncode == 0, errors
-    assert output.startswith("spread: 24 ok")
 
 
 def test_interrupts_are_for_the_run(cli, temporary):
