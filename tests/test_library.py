@@ -12,7 +12,6 @@ import numpy as np
 import oracles
 import pandas as pd
 import pytest
-from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
@@ -71,22 +70,6 @@ DOUBLE = {
     },
     "gravity": [0, -9.81],
 }
-
-
-def test_a_trajectory_is_what_the_command_line_writes(cli):
-    """The history of λ in the CSV, read back."""
-    cli.write(
-        "one.yaml",
-        "study: one\nproblem: andrews\nform: u-lambda\npreconditioning: optimal\nh: 1e-4\n"
-        "t_end: 0.02\nmeasure: history\n",
-    )
-    cli("run", "one.yaml")
-    rows = rows_in(cli.folder / "results/history/one.csv")
-    found = newmark.march("andrews", h=1e-4, t_end=0.02)
-    steps = [int(row["step"]) for row in rows]
-    assert len(steps) > 60
-    written = [[float(row[f"lambda[bodies.K{k}]"]) for k in range(1, 8)] for row in rows]
-    same((written, found.multipliers[steps]), ([float(row["t"]) for row in rows], found.t[steps]))
 
 
 @each("every, kept", [(1, 13), (4, 4), (5, 4), (12, 2), (100, 2), (0, 1)])

@@ -62,20 +62,14 @@ def test_known_texts(text, value, order):
 
 @each(("text", "reason"), [
     ("h +", "not a product"),
-    ("h + 1", "only numbers"),
     ("beta*x", "unknown symbol 'x'"),
     ("0", "not positive"),
     ("-h", "must be positive"),
     ("1/0", "division by zero"),
     ("h^0.5", "whole numbers"),
-    ("h^999999999", "whole numbers"),
     ("10^16^16", "whole numbers"),
     ("__import__('os')", "only numbers"),
-    ("h.real", "only numbers"),
     ("1e308*10", "not positive"),
-    ("(" * 100 + "h" + ")" * 100, "longer than"),
-    ("", "not a product"),
-    ("1or h", "not a product"),
     ("h" * 300, "longer than"),
 ])  # fmt: skip
 def test_refused(text, reason):

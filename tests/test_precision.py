@@ -141,6 +141,3 @@ def test_formulations_march_in_their_precision(
         precision=precision, formulation=of, projection=Projection.parse(projection),
     )  # fmt: skip
     require_interpreted_steps(subject, scheme, 2)
-
-
-# Refusals

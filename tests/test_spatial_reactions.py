@@ -360,10 +360,7 @@ def test_torsion_spring_that_is_wound_too_far():
 
 
 def test_released_row_that_is_needed_later(cli):
-    """Without y of P1 Bricard's multipliers would grow: the cell ends and says why.
-
-    The share of that row in the self-stress vanishes where its first angle is a right one.
-    """
+    """Without y of P1 Bricard's multipliers would grow: the cell ends and says why."""
     text = newmark.problem("bricard").sources["bricard.yaml"].decode()
     cli.write("mine.yaml", text.replace("{P5: [q]}", "{P1: [y]}"))
     cli.write(
@@ -374,10 +371,6 @@ def test_released_row_that_is_needed_later(cli):
     done = cli("run", "study.yaml", code=1)
     assert done.stdout.startswith("mine: 1 redundant, 1 ok -> ")
     assert "released rows (P1.y) are needed at t = 1.2" in done.stderr
-    whole = newmark.march("bricard", h=5e-3, t_end=1.6, integrator=DAMPED)
-    joint = whole.problem.outputs.joints["P0"]
-    angles = [joint.angle(u.reshape(-1, 4, 3)) for u in whole.u]
-    assert abs(angles[round(1.24 / 5e-3)]) == pytest.approx(np.pi / 2, abs=0.05)
 
 
 def test_both_rates_of_a_cylindrical_joint():
