@@ -85,13 +85,15 @@ def test_commands_work_or_say_why_not(folder, warm, words, subject, works):
 
 
 @each("problem, works", [
-    *((problem, True) for problem in ("pendulum", "planar.yaml", "spatial.yaml", "forced.yaml")),
+    *((problem, True) for problem in ("pendulum", "planar.yaml", "spatial.yaml")),
     ("{chain: {links: 3}}", True),
-    ('{python: "axis.py:car_axis"}', True),
     *((problem, False) for problem in STUDIES + SUBJECTS[-4:]),
 ])  # fmt: skip
 def test_studies_of_every_kind_of_problem(folder, warm, problem, works):
-    """The same of `validate` and `run` where a study names the subject."""
+    """The same of `validate` and `run` where a study names the subject.
+
+    Those in Python are in `test_own_problems` and `test_python_forces`.
+    """
     text = f"study: other\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"
     (folder / "other.yaml").write_text(text + "h: 1e-2\nt_end: 0.02\n")
     for command in (["validate"], ["run", "--results", "others"]):
