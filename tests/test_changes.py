@@ -57,7 +57,7 @@ def by_alpha(alpha_m, alpha_f, rule, steps=40):
 )
 def test_jump_and_decay(integrator, alpha_m, alpha_f, rule):
     """λ after h → h/2 in index 3: its size, and the steps to a hundredth, in exact fractions."""
-    exact = by_alpha(alpha_m, alpha_f, rule, 400)
+    exact = by_alpha(alpha_m, alpha_f, rule, 150)
     if isinstance(integrator, GeneralizedAlpha) and integrator.rho == 0.5:
         exact = by_half(rule)
     found = transient(Model(integrator, rule, POSITION), 0.5)
@@ -78,7 +78,7 @@ def test_jump_and_decay(integrator, alpha_m, alpha_f, rule):
 def by_half(rule):
     """ρ∞ = 1/2 has α_m = 0 as HHT has, but other β and γ."""
     shifted = Fraction(1, 10**30)
-    return by_alpha(shifted - shifted, Fraction(1, 3), rule, 400)
+    return by_alpha(shifted - shifted, Fraction(1, 3), rule, 150)
 
 
 def slope_at_end(times, values):
@@ -229,7 +229,7 @@ STUDY = """study: behind
 problem: pendulum
 form: a-lambda
 preconditioning: optimal
-integrator: [generalized-alpha rho=0.5, bdf2]
+integrator: bdf2
 h_sequence: {change: 0.5, at: 1.0}
 auxiliary: [rescale-velocity, keep]
 measure: [error, transient]
@@ -243,11 +243,10 @@ def test_errors_after_a_change_in_a_study(cli):
     cli.write("behind.yaml", STUDY)
     cli("run", "behind.yaml")
     rows = pd.read_csv(cli.folder / "results" / "behind.csv").query("quantity == 'lambda'")
-    for integrator in ("generalized-alpha rho=0.5", "bdf2"):
-        for auxiliary, order in (("rescale-velocity", 2), ("keep", 1)):
-            of_series = rows[(rows.integrator == integrator) & (rows.auxiliary == auxiliary)]
-            behind = of_series[of_series.measure == "transient"].sort_values("h")["max"].to_numpy()
-            at_end = of_series[of_series.measure == "error"].sort_values("h")["last"].to_numpy()
-            assert np.log2(behind[-1] / behind[0]) / 2 == pytest.approx(order, abs=0.15)
-            assert np.log2(at_end[-1] / at_end[0]) / 2 == pytest.approx(2, abs=0.15)
-    assert "24 of 24 slopes as predicted" in cli("check", "behind").stdout
+    for auxiliary, order in (("rescale-velocity", 2), ("keep", 1)):
+        of_series = rows[rows.auxiliary == auxiliary]
+        behind = of_series[of_series.measure == "transient"].sort_values("h")["max"].to_numpy()
+        at_end = of_series[of_series.measure == "error"].sort_values("h")["last"].to_numpy()
+        assert np.log2(behind[-1] / behind[0]) / 2 == pytest.approx(order, abs=0.15)
+        assert np.log2(at_end[-1] / at_end[0]) / 2 == pytest.approx(2, abs=0.15)
+    assert "12 of 12 slopes as predicted" in cli("check", "behind").stdout

@@ -53,15 +53,3 @@ def test_driven_at_a_dead_centre(text, off, options):
     assert abs(rate).max() == pytest.approx(1, rel=1e-12)
     size = np.linalg.norm(gradient, axis=0) * max(abs(problem.v0).max(), 1)
     assert np.all(abs(gradient.T @ problem.v0 + rate) <= 2e-9 * size)
-
-
-def test_the_line_of_a_dead_centre():
-    """What it is, which constraints are concerned, and what to do."""
-    document = parse(DRIVEN.format(off=0.0, rate=1, options="project_velocities: true"), "m.yaml")
-    with pytest.raises(DocumentError) as refused:
-        loading.built("m.yaml", document)
-    assert str(refused.value) == (
-        "m.yaml, line 6: motions.push.x: the start is a singular position, such as a dead "
-        "centre: only here do these constraints depend on each other: bodies.crank, bodies.rod, "
-        "motions.push.x; start from another position"
-    )
