@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from marching import EPS, STEP, march
 from mpmath import mp, mpf
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.forms import FORMS
@@ -23,8 +24,6 @@ from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
-from newmark_cli.problems import python_problem
-from newmark_cli.problems.problem import ProblemError
 
 pytestmark = pytest.mark.usefixtures("loops_only")
 ENGINES = (compiled_march, scipy_march)
@@ -196,43 +195,29 @@ def test_multipliers_against_long_numbers(form, engine):
 # Refusals
 
 
-DEFINITION = """\
-import numpy as np
-from newmark_cli.problems.python_problem import Definition
+def declared(constraints, gradient, quadratic):
+    """A swing in plain Python whose constraints are said to be quadratic, or not."""
+    return newmark.problem(
+        newmark.Definition(
+            np.eye(2), np.array([1.0, 0.0]), np.array([0.0, -1.0]),
+            lambda u, v, t: np.array([0.0, -1.0]), constraints, gradient, quadratic=quadratic,
+        )
+    )  # fmt: skip
 
 
-def pendulum():
-    return Definition(
-        mass_matrix=np.eye(2),
-        u0=np.array([1.0, 0.0]),
-        v0=np.array([0.0, -1.0]),
-        force=lambda u, v, t: np.array([0.0, -1.0]),
-        constraints=lambda u, t: np.array([PHI]),
-        gradient=lambda u, t: np.array([[GX], [GY]]),
-        quadratic=QUADRATIC,
-    )
-"""
-ROD = {"PHI": "(u @ u - 1) / 2", "GX": "u[0]", "GY": "u[1]", "QUADRATIC": "True"}
+def along(u, t):
+    return u[:, None].copy()
 
 
-def definition(tmp_path, **changes):
-    text = DEFINITION
-    for key, value in {**ROD, **changes}.items():
-        text = text.replace(key, value)
-    path = tmp_path / "pendulum.py"
-    path.write_text(text)
-    return python_problem.load(path, "pendulum", {}, "pendulum")
-
-
-@each("changes, words", [
-        ({"PHI": "(u @ u - 1) / 2 + u[1] ** 3", "GY": "u[1] + 3 * u[1] ** 2"}, "but are not"),
-        ({"PHI": "np.log(u @ u)", "GX": "2 * u[0] / (u @ u)", "GY": "2 * u[1] / (u @ u)"},
-         "but are not"),
-        ({"PHI": "(u @ u - 1) / 2 + t**2"}, "but depend on t"),
-        ({"PHI": "(u @ u - 1) / 2 + 1 - np.cos(2 * np.pi * t)"}, "but depend on t"),
-    ])  # fmt: skip
-def test_wrong_declarations_are_refused(tmp_path, changes, words):
+@each("constraints, gradient, words", [
+    (lambda u, t: np.array([(u @ u - 1) / 2 + u[1] ** 3]),
+     lambda u, t: np.array([[u[0]], [u[1] + 3 * u[1] ** 2]]), "but are not"),
+    (lambda u, t: np.array([np.log(u @ u)]), lambda u, t: 2 * u[:, None] / (u @ u), "but are not"),
+    (lambda u, t: np.array([(u @ u - 1) / 2 + t**2]), along, "but depend on t"),
+    (lambda u, t: np.array([(u @ u + 1) / 2 - np.cos(2 * np.pi * t)]), along, "but depend on t"),
+])  # fmt: skip
+def test_wrong_declarations_are_refused(constraints, gradient, words):
     """Constraints that are not quadratic, or change with time, were it each second alone."""
-    definition(tmp_path, **changes, QUADRATIC="False")
-    with pytest.raises(ProblemError, match=f"declared quadratic, {words}"):
-        definition(tmp_path, **changes)
+    declared(constraints, gradient, False)
+    with pytest.raises(newmark.NewmarkError, match=f"declared quadratic, {words}"):
+        declared(constraints, gradient, True)

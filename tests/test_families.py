@@ -5,11 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 from each import each
-from marching import start
 
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.problems.index_1 import Index1
 
@@ -84,17 +82,6 @@ def assert_same(found, expected, name):
             assert_same(ours, theirs, name)
     else:
         assert found == expected, name
-
-
-def test_one_link_is_the_pendulum():
-    """The very tables of the shipped pendulum, from another angle."""
-    link, pendulum = member("chain", 1).load(), problem("pendulum")
-    np.testing.assert_array_equal(link.ints, pendulum.ints)
-    np.testing.assert_array_equal(link.reals, pendulum.reals)
-    np.testing.assert_array_equal(link.M, pendulum.M)
-    moved = dataclasses.replace(pendulum, u0=link.u0)
-    for found, expected in zip(start(link), start(moved), strict=True):
-        np.testing.assert_array_equal(found, expected)
 
 
 @each("links", [1, 5, 400])

@@ -196,18 +196,6 @@ def test_energy_is_that_of_rigid_bodies():
     np.testing.assert_allclose(differences, differences[0], rtol=0, atol=1e-12)
 
 
-def test_forces_are_slopes_of_the_energy():
-    """f = −∂V/∂u at any position, on the constraints or not."""
-    subject = built(SPRUNG)
-    random = np.random.default_rng(1)
-    u, v = subject.u0 + 0.1 * random.normal(size=4), random.normal(size=4)
-    force = subject.evaluate(0.0, u, v, np.zeros(subject.m)).force
-    for i, step in enumerate(1e-3 * np.eye(4)):
-        values = [subject.energies(0.0, u + k * step, v)[1] for k in (-2, -1, 1, 2)]
-        slope = np.array([1, -8, 8, -1]) @ values / (12 * 1e-3)
-        assert -slope == pytest.approx(force[i], abs=1e-8)
-
-
 @each(("addition", "conserved"), [
     ("", True),
     ("dampers: {d: {from: W, to: C, damping: 0}}\n", True),
