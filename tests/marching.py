@@ -56,15 +56,18 @@ def engine_of(subject, scheme):
     return _engine
 
 
+def marched(engine, subject, scheme, state, first, norms, iterations, **options):
+    """How steps end, and how many are taken; ``engine`` is a module."""
+    if engine is compiled_march:
+        return engine_of(subject, scheme).march(state, first, norms, iterations, **options)
+    return engine.march(subject, scheme, state, first, norms, iterations, **options)
+
+
 def march(engine, subject, scheme, state, first, steps, **options):
     """Norms and iterations of steps that are all taken; ``engine`` is a module."""
     norms = np.zeros((steps, len(scheme.recorded)))
     iterations = np.zeros(steps, np.int64)
-    if engine is compiled_march:
-        own = engine_of(subject, scheme)
-        ending = own.march(state, first, norms, iterations, **options)
-    else:
-        ending = engine.march(subject, scheme, state, first, norms, iterations, **options)
+    ending = marched(engine, subject, scheme, state, first, norms, iterations, **options)
     assert ending == (march_data.COMPLETED, steps)
     return norms, iterations
 

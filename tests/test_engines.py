@@ -9,7 +9,7 @@ from damped import damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, assert_same_step, march, scheme_of, states
+from marching import EPS, INTEGRATORS, STEP, assert_same_step, march, marched, scheme_of, states
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
@@ -101,14 +101,13 @@ def test_what_cannot_be_solved_ends_the_march(engine):
     """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 0.1)
     state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1)))
-    ending = engine.march(subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64))
+    counts = np.zeros((3, 2)), np.zeros(3, np.int64)
+    ending = marched(engine, subject, scheme, state, 0, *counts)
     assert ending == (march_data.SINGULAR, 0)
     state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):
-        ending, done = engine.march(
-            subject, scheme, state, 0, np.zeros((3, 2)), np.zeros(3, np.int64)
-        )
+        ending, done = marched(engine, subject, scheme, state, 0, *counts)
     assert ending == march_data.DIVERGED
     assert done == 0
 

@@ -1,13 +1,14 @@
 """Problems in Python: a published reference, engines, and what is refused."""
 
 import examples
+import marching
 import numba
 import numpy as np
 import pytest
 from each import each
 from marching import scheme_of
 
-from newmark_cli.newmark import compiled_march, march_data, scipy_march
+from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.problems import constraint_rows, python_problem
@@ -27,13 +28,7 @@ REFERENCE_RATES = np.array(
 def march(engine, subject, h, t_end, form="u-lambda"):
     scheme = scheme_of(form, "optimal", h)
     state = initial_state(subject, scheme)
-    steps = round(t_end / h)
-    norms = np.zeros((steps, len(scheme.form.unknowns)))
-    iterations = np.zeros(steps, np.int64)
-    assert engine.march(subject, scheme, state, 0, norms, iterations) == (
-        march_data.COMPLETED,
-        steps,
-    )
+    _, iterations = marching.march(engine, subject, scheme, state, 0, round(t_end / h))
     assert np.all(iterations > 0)
     return state
 

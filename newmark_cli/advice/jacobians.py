@@ -196,31 +196,15 @@ def advise_jacobian(
 
 def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[float]]:
     """Name → matrix, the blocks that a file names, and the step sizes."""
-    if isinstance(jacobian, str | Path):
-        jacobian = [Path(jacobian)]
-    jacobian = _dense(jacobian)
+    jacobian = [Path(jacobian)] if isinstance(jacobian, str | Path) else _dense(jacobian)
     if not isinstance(jacobian, np.ndarray) and isinstance(jacobian, Iterable):
         jacobian = [_dense(one) for one in jacobian]
     if not isinstance(jacobian, list | np.ndarray) or getattr(jacobian, "ndim", 1) == 0:
         raise ArgumentError("jacobian must be a matrix, several of them, or paths of files")
-    several: dict[str, Array] = {}
-    named: str | None = None
-    steps: list[Any] = []
     if len(jacobian) and all(isinstance(one, str | Path) for one in jacobian):
-        for one in jacobian:
-            found = matrices.read(Path(one), ("J", "h"), dimensions=(0, 1, 2, 3))
-            if "J" not in found:
-                raise MatrixError(f"{one}: J is missing")
-            named = named or matrices.text_of(Path(one), "blocks")
-            steps += found.get("h", np.empty(0)).reshape(-1).tolist()
-            several |= _apart(found["J"], str(one))
+        several, named, steps = _of_files(jacobian)
     else:
-        stacked = isinstance(jacobian, np.ndarray) and jacobian.ndim == 3
-        # A list of rows is one matrix; a list of matrices several.
-        one = not stacked and np.ndim(jacobian[0] if len(jacobian) else 0) < 2
-        for place, matrix in enumerate([jacobian] if one else jacobian):
-            name = "jacobian" if one else f"jacobian {place + 1}"
-            several[name] = matrices.array_of(matrix, name)
+        several, named, steps = _of_matrices(jacobian), None, []
     if h is not None:
         steps = np.reshape(h, -1).tolist() if isinstance(h, np.ndarray) else h
         steps = list(steps) if isinstance(steps, list | tuple) else [steps]
@@ -238,6 +222,29 @@ def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[fl
 def _dense(given: Any) -> Any:
     """A sparse matrix as an array; anything else as it is."""
     return given.toarray() if callable(getattr(given, "toarray", None)) else given
+
+
+def _of_files(paths: Iterable[Any]) -> tuple[dict[str, Array], str | None, list[Any]]:
+    several: dict[str, Array] = {}
+    named: str | None = None
+    steps: list[Any] = []
+    for one in paths:
+        found = matrices.read(Path(one), ("J", "h"), dimensions=(0, 1, 2, 3))
+        if "J" not in found:
+            raise MatrixError(f"{one}: J is missing")
+        named = named or matrices.text_of(Path(one), "blocks")
+        steps += found.get("h", np.empty(0)).reshape(-1).tolist()
+        several |= _apart(found["J"], str(one))
+    return several, named, steps
+
+
+def _of_matrices(jacobian: Any) -> dict[str, Array]:
+    stacked = isinstance(jacobian, np.ndarray) and jacobian.ndim == 3
+    # A list of rows is one matrix; a list of matrices several.
+    if not stacked and np.ndim(jacobian[0] if len(jacobian) else 0) < 2:
+        return {"jacobian": matrices.array_of(jacobian, "jacobian")}
+    names = [f"jacobian {place + 1}" for place in range(len(jacobian))]
+    return {name: matrices.array_of(one, name) for name, one in zip(names, jacobian, strict=True)}
 
 
 def _apart(array: Array, where: str) -> dict[str, Array]:

@@ -262,6 +262,41 @@ def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
     Raises:
         MatrixError: When a matrix is missing or cannot be used.
     """
+    found = _sound(given, where)
+    state = ("u", "v", "a", "lambda")
+    missing = [name for name in state if name not in found]
+    if missing and len(missing) < len(state):
+        raise matrices.MatrixError(
+            f"{where}: of the state {', '.join(missing)} is missing; give all of u, v, a, lambda "
+            "or none"
+        )
+    notes = [
+        f"{name} is not given and taken to be 0: {what} is not part of this advice"
+        for name, what in (("X", "stiffness"), ("Y", "damping"))
+        if name not in found
+    ]
+    if missing:
+        notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
+    shapes = _shapes(*found["G"].shape)
+    mass, gradient, x, y, u, v, a, multipliers = (
+        found.get(name, np.zeros(shapes.get(name, ())))
+        for name in ("M", "G", "X", "Y", "u", "v", "a", "lambda")
+    )
+    problem = linear_problem(where, (mass, x, y, gradient), (u, v, a, multipliers))
+    at = "without a state" if missing else "at the state given"
+    return Subject(
+        problem, [problem], at, notes, [(a, multipliers)], has_state=not missing, of_matrices=True
+    )
+
+
+def _shapes(n: int, m: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of what may be omitted, and of G."""
+    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("u", "v", "a"), (n,))
+    return {"G": (n, m), "X": (n, n), "Y": (n, n), **vectors, "lambda": (m,)}
+
+
+def _sound(given: Mapping[str, Any], where: str) -> dict[str, Array]:
+    """The matrices and vectors that are given, in their shapes."""
     found = {
         name: within_range(
             matrices.array_of(
@@ -282,40 +317,15 @@ def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
     n = len(mass)
     if gradient.ndim == 1:  # a single constraint
         gradient = found["G"] = gradient[:, None]
-    m = gradient.shape[1]
     if gradient.shape[0] != n == gradient.shape[1]:
         raise matrices.MatrixError(
             f"{where}: G must have a row for each of the {n} coordinates, given "
             f"{gradient.shape[0]} by {n}; give its transpose"
         )
-    square, vector = dict.fromkeys(("X", "Y"), (n, n)), dict.fromkeys(("u", "v", "a"), (n,))
-    found = {name: array.reshape(-1) if name in vector else array for name, array in found.items()}
-    if "lambda" in found:
-        found["lambda"] = found["lambda"].reshape(-1)
-    matrices.require_shapes(found, {"G": (n, m), **square, **vector, "lambda": (m,)}, where)
+    found |= {name: array.reshape(-1) for name, array in found.items() if name in _VECTORS}
+    matrices.require_shapes(found, _shapes(n, gradient.shape[1]), where)
     _require_usable(mass, gradient, where)
-    state = ("u", "v", "a", "lambda")
-    missing = [name for name in state if name not in found]
-    if missing and len(missing) < len(state):
-        raise matrices.MatrixError(
-            f"{where}: of the state {', '.join(missing)} is missing; give all of u, v, a, lambda "
-            "or none"
-        )
-    notes = [
-        f"{name} is not given and taken to be 0: {what} is not part of this advice"
-        for name, what in (("X", "stiffness"), ("Y", "damping"))
-        if name not in found
-    ]
-    if missing:
-        notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
-    shapes = {**square, **vector, "lambda": (m,)}
-    filled = {name: found.get(name, np.zeros(shape)) for name, shape in shapes.items()}
-    x, y, u, v, a, multipliers = (filled[name] for name in ("X", "Y", "u", "v", "a", "lambda"))
-    problem = linear_problem(where, (mass, x, y, gradient), (u, v, a, multipliers))
-    at = "without a state" if missing else "at the state given"
-    return Subject(
-        problem, [problem], at, notes, [(a, multipliers)], has_state=not missing, of_matrices=True
-    )
+    return found
 
 
 def within_range(array: Array, where: str) -> Array:

@@ -144,7 +144,6 @@ def _scaled(
 ) -> tuple[Runs, list[Factor]]:
     """Multipliers with the mechanism's signs and without factors, and what these were."""
     ratios = _ratios(ends)
-    sizes = np.array([run.size for run, _ in ends])
     right = [
         float(np.nanmax(np.abs(run.state["u"][-1] - there.u), initial=0.0))
         < _FITS * float(np.abs(there.u).max())
@@ -160,14 +159,11 @@ def _scaled(
             divisors[:, k] = -1.0
             turned.append(name)
             continue
-        for value, power, why in _factors(problem, ends, k):
-            if _agree(of / sizes**power, value) or _agree(of / sizes**power, -value):
-                sign = np.sign(np.nanmedian(of))
-                divisors[:, k] = sign * value * sizes**power
-                found.append(Factor(series, name, float(divisors[-1, k]), why))
-                break
-        else:
+        if (explained := _explained(of, problem, ends, k)) is None:
             unexplained.append(k)
+        else:
+            divisors[:, k], why = explained
+            found.append(Factor(series, name, float(divisors[-1, k]), why))
     if len({factor.why for factor in found}) == 1 and not turned:
         # Of the rest it is the same where it is by far nearer than none.
         common = divisors[:, [problem.constraint_names.index(found[0].constraint)]].ravel()
@@ -178,12 +174,11 @@ def _scaled(
                 divisors[:, k] = common
                 name = problem.constraint_names[k]
                 found.append(replace(found[0], constraint=name, value=float(common[-1])))
+    # What vanishes in the motion tells nothing: it goes with the others, where these agree.
     silent = ~np.isfinite(np.where(np.array(right)[:, None], ratios, np.nan)).any(axis=0)
-    if silent.any() and not silent.all():
-        # What vanishes in the motion tells nothing: it goes with the others, where these agree.
-        others = divisors[:, ~silent]
-        if np.all(others == others[:, :1]):
-            divisors[:, silent] = others[:, :1]
+    others = divisors[:, ~silent]
+    if others.size and np.all(others == others[:, :1]):
+        divisors[:, silent] = others[:, :1]
     if np.all(divisors == 1):
         return runs, found
     of_size = {run.size: row for (run, _), row in zip(ends, divisors, strict=True)}
@@ -195,6 +190,17 @@ def _scaled(
         if run.series == series else {},
         *filter(None, [note]),
     ), found  # fmt: skip
+
+
+def _explained(
+    ratios: Array, problem: Problem, ends: Sequence[tuple[Run, Reference]], k: int
+) -> tuple[Array, str] | None:
+    """(runs,) what a factor that explains the ratios of λ_k divides by, and why."""
+    sizes = np.array([run.size for run, _ in ends])
+    for value, power, why in _factors(problem, ends, k):
+        if _agree(ratios / sizes**power, value) or _agree(ratios / sizes**power, -value):
+            return np.sign(np.nanmedian(ratios)) * value * sizes**power, why
+    return None
 
 
 def _factors(

@@ -6,8 +6,9 @@ A row is the state of one run at one time.  Columns are named as in `Trajectory.
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -116,25 +117,17 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     """
     import pandas as pd
 
-    where = "table" if isinstance(source, pd.DataFrame) else str(source)
-    frame = source if isinstance(source, pd.DataFrame) else _file(Path(source))
-    if not len(frame):
-        raise ArgumentError(f"{where}: no row")
-    if frame.columns.duplicated().any():
-        twice = frame.columns[frame.columns.duplicated()][0]
-        raise ArgumentError(f"{where}: column {twice} is there twice")
+    frame, where = _frame(source)
     notes: list[str] = []
     taken = _columns([str(name) for name in frame.columns], problem, columns, where, notes)
     found = {name: factor * _numbers(frame[theirs], f"{where}: {theirs}", where)
              for name, (theirs, factor) in taken.items() if name not in TEXTS}  # fmt: skip
-    abscissa = next((name for name in ABSCISSAS if name in found), None)
-    if abscissa is None or "t" not in found:
-        lacking = "t" if abscissa else "h, tolerance or steps"
-        raise ArgumentError(f"{where}: needs a column {lacking}; has {_some(frame.columns)}")
+    abscissa = _abscissa(found, f"; has {_some(frame.columns)}", where)
     ours = {part: [f"{part}[{name}]" for name in names]
             for part, names in names_of(problem).items() if names}  # fmt: skip
     given = {part: [name for name in names if name in found] for part, names in ours.items()}
-    if not any(given.values()):
+    state = [*chain(*given.values())]
+    if not state:
         wanted = ", ".join(names[0] for names in ours.values())
         raise ArgumentError(
             f"{where}: no column of {problem.name}, such as {wanted}; has {_some(frame.columns)}"
@@ -144,20 +137,32 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         if name in taken:
             table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
     _refuse_rows(table, abscissa, where)
-    if (table["t"] <= problem.t0).all():
-        raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
-    theirs = [taken[name] for names in given.values() for name in names]
     later = frame[(table["t"] > problem.t0).to_numpy()]
+    if not len(later):
+        raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
+    unscaled = [found[name] for name in state if taken[name][1] == 1]
     return Runs(
         _runs(table, abscissa, problem, ours, given),
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
         given,
         notes,
-        max((_digits(text) for name, _ in theirs for text in later[name].head(_LOOKED_AT)
-             if isinstance(text, str)), default=0),
-        _is_single(np.concatenate([found[name] for names in given.values() for name in names
-                                   if taken[name][1] == 1] or [np.zeros(0)])),
+        _most_digits(later[[taken[name][0] for name in state]].head(_LOOKED_AT)),
+        _is_single(np.concatenate([np.zeros(0), *unscaled])),
     )  # fmt: skip
+
+
+def _frame(source: Any) -> tuple["pd.DataFrame", str]:
+    """A table with rows, and what errors call it."""
+    import pandas as pd
+
+    given = isinstance(source, pd.DataFrame)
+    frame, where = (source, "table") if given else (_file(Path(source)), str(source))
+    if not len(frame):
+        raise ArgumentError(f"{where}: no row")
+    if frame.columns.duplicated().any():
+        twice = frame.columns[frame.columns.duplicated()][0]
+        raise ArgumentError(f"{where}: column {twice} is there twice")
+    return frame, where
 
 
 def _runs(
@@ -220,14 +225,7 @@ def _columns(
     for name, given in (mapping or {}).items():
         if name not in allowed:
             raise ArgumentError(f"columns: unknown {shown(name)}{nearest(name, allowed)}")
-        match = _FACTOR.fullmatch(str(given))
-        assert match is not None
-        factor = float(match[2] or 1) * (-1 if match[1] else 1)
-        if match[3] not in known:
-            raise ArgumentError(
-                f"columns: {name}: {where} has no column {match[3]!r}{nearest(match[3], known)}"
-            )
-        found[name] = (match[3], factor)
+        found[name] = _times(given, known, f"columns: {name}: {where}")
     for name in known:
         if name in allowed or CORRECTIONS.fullmatch(name):
             found.setdefault(name, (name, 1.0))
@@ -241,6 +239,15 @@ def _columns(
     if left:
         notes.append(f"not read: column {_some(left)}")
     return found
+
+
+def _times(given: Any, known: Sequence[str], where: str) -> tuple[str, float]:
+    """Column and factor from text such as ``-2 * force``."""
+    match = _FACTOR.fullmatch(str(given))
+    assert match is not None
+    if match[3] not in known:
+        raise ArgumentError(f"{where} has no column {match[3]!r}{nearest(match[3], known)}")
+    return match[3], float(match[2] or 1) * (-1 if match[1] else 1)
 
 
 def _number_columns(
@@ -308,6 +315,21 @@ def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str) -> None:
             "there twice; give each run a label in the column series, or twins their number in the "
             "column twin"
         )
+
+
+def _abscissa(found: Collection[str], has: str, where: str) -> str:
+    """The column of sizes; there must be one of times, too."""
+    abscissa = next((name for name in ABSCISSAS if name in found), None)
+    if abscissa is None or "t" not in found:
+        lacking = "t" if abscissa else "h, tolerance or steps"
+        raise ArgumentError(f"{where}: needs a column {lacking}{has}")
+    return abscissa
+
+
+def _most_digits(frame: "pd.DataFrame") -> int:
+    """Most significant digits of numbers that are text."""
+    texts = (text for text in frame.to_numpy().flat if isinstance(text, str))
+    return max(map(_digits, texts), default=0)
 
 
 def _digits(text: Any) -> int:

@@ -28,6 +28,7 @@ from newmark_cli.mechanisms.spatial_model import (
     TorsionSpring,
     directors,
     inertias,
+    inner,
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
@@ -269,11 +270,11 @@ class Builder(builder.Builder):
 
     def _turned(self, body: int, vector: Array) -> Array:
         """(3,) a vector of a body in global axes."""
-        return vector if body < 0 else product(vector, self.start[body, 1:])
+        return vector if body < 0 else inner(vector, self.start[body, 1:].T)
 
     def _seen(self, body: int, vector: Array) -> Array:
         """(3,) a global vector in the axes of a body."""
-        return vector if body < 0 else product(self.start[body, 1:], vector)
+        return vector if body < 0 else inner(self.start[body, 1:], vector)
 
     def _at(self, body: int, place: Array) -> Array:
         """(3,) body coordinates of a global place."""

@@ -74,7 +74,7 @@ TwoAxes = Annotated[
 ]
 
 
-def dot(first: Any, second: Any) -> Array:
+def inner(first: Any, second: Any) -> Array:
     """(…) products of vectors (…, 3), terms added from the first to the last."""
     terms = np.multiply(first, second)
     return np.asarray(0.0 + terms[..., 0] + terms[..., 1] + terms[..., 2])
@@ -84,7 +84,7 @@ def unit(directions: Any) -> Array:
     """(…, 3) directions with length 1."""
     vectors = np.asarray(directions, float)
     vectors = vectors / np.abs(vectors).max(axis=-1, keepdims=True)
-    return np.asarray(vectors / np.sqrt(dot(vectors, vectors))[..., None])
+    return np.asarray(vectors / np.sqrt(inner(vectors, vectors))[..., None])
 
 
 def _cosine(first: Sequence[float], second: Sequence[float]) -> float:
@@ -184,7 +184,7 @@ def directors(bodies: Iterable[Body]) -> Array:
     ]
     first, second = np.array(given, float).transpose(1, 0, 2)
     x = unit(first)
-    y = unit(second - dot(x, second)[:, None] * x)
+    y = unit(second - inner(x, second)[:, None] * x)
     (a, b, c), (d, e, f) = x.T, y.T
     return np.stack([x, y, np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)], axis=1)
 

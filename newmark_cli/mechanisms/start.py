@@ -258,18 +258,7 @@ def _independent(
             message += "; no rows of joints can be dropped"
         raise document.error(last, message)
     dropped = chosen if asked == "drop" else named
-    kept = np.setdiff1d(np.arange(problem.m), dropped).tolist()
-    left = _null_space(scipy.sparse.csc_array(scaled[:, kept]), tolerance)
-    if left.shape[1]:
-        still = _by_part(rows, [kept[k] for k in _involved(left)])
-        message = f"these constraints still depend on each other: {still}"
-        raise document.error(("redundant",), message)
-    if len(kept) < rank:
-        raise document.error(
-            ("redundant",),
-            f"only {problem.m - rank} of {_listed(rows, named)} can be released: the rest is not "
-            "redundant",
-        )
+    _require_rest(builder, scaled, dropped, rank, tolerance)
     missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
     for k in dropped:
         if missed[k] > MISSED * max(1.0, _size(problem.u0)):
@@ -277,6 +266,26 @@ def _independent(
             raise document.error(rows[k].path, message)
     shared = frozenset(rows[k].owner for k in involved if rows[k].name and rows[k].owner)
     return list(dropped), shared, problem.n - rank
+
+
+def _require_rest(
+    builder: Builder, scaled: scipy.sparse.csc_array, dropped: Sequence[int], rank: int,
+    tolerance: float,
+) -> None:  # fmt: skip
+    """Without what is dropped, as many rows as G has a rank are independent."""
+    rows = builder.rows
+    kept = np.setdiff1d(np.arange(scaled.shape[1]), dropped).tolist()
+    left = _null_space(scipy.sparse.csc_array(scaled[:, kept]), tolerance)
+    if left.shape[1]:
+        still = _by_part(rows, [kept[k] for k in _involved(left)])
+        message = f"these constraints still depend on each other: {still}"
+        raise builder.document.error(("redundant",), message)
+    if len(kept) < rank:
+        raise builder.document.error(
+            ("redundant",),
+            f"only {scaled.shape[1] - rank} of {_listed(rows, dropped)} can be released: the rest "
+            "is not redundant",
+        )
 
 
 def _released_by_name(builder: Builder, asked: Any) -> list[int]:

@@ -281,16 +281,3 @@ class Engine:
             functions, self._code, tables, matrices, numbers.extra, state, schedule, sizes, counts,
             record,
         )  # fmt: skip
-
-
-def march(
-    problem: Problem,
-    scheme: Scheme,
-    state: State,
-    first: int,
-    norms: Array,
-    iterations: IndexArray,
-    record: Record | None = None,
-) -> tuple[int, int]:
-    """Advance ``state`` by ``len(norms)`` steps with partial pivoting; see `Engine.march`."""
-    return Engine(problem, scheme).march(state, first, norms, iterations, record)

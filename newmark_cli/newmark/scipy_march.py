@@ -5,6 +5,7 @@ whose linear systems are not solved by the kernel.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,18 @@ from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
 from newmark_cli.support.arrays import Array, IndexArray
+
+
+class _Ended(Exception):
+    """A march ends before its last step, in the way that its argument says."""
+
+
+def _solved(solve: Callable[..., Any], *arguments: Any) -> Any:
+    """What a solver returns; ends the march if it gives up."""
+    try:
+        return solve(*arguments)
+    except np.linalg.LinAlgError as error:
+        raise _Ended(STAGNATED if isinstance(error, Stagnation) else SINGULAR) from None
 
 
 class _Compensated:
@@ -90,24 +103,32 @@ class _Index3:
     """
 
     def __init__(
-        self, problem: Problem, scheme: Scheme, state: State, system: LinearSystem, t: float
+        self, problem: Problem, schemes: Schemes, state: State, system: LinearSystem, first: int
     ) -> None:
-        self.problem, self.scheme, self.state, self.system = problem, scheme, state, system
-        self.carried = _Compensated(problem, state, t, scheme.h) if scheme.compensated else None
+        self.problem, self.schemes, self.state, self.system = problem, schemes, state, system
+        self.scheme, t = schemes.at(first), schemes.grid.t(first)
+        self.carried = (
+            _Compensated(problem, state, t, self.scheme.h) if schemes.base.compensated else None
+        )
         self.moving = np.empty((3, problem.n)) if self.carried else state.fields[:3]
+        self._carrying = Carrying(problem, schemes)
 
-    def change_size(self, scheme: Scheme, system: LinearSystem, carrying: bool) -> None:
-        """Go on with steps of another size.
-
-        Args:
-            scheme, system: Those of the next step.
-            carrying: Whether the past is still to be carried over to it.
-        """
-        if carrying:
+    def change_size(
+        self, step: int, system_at: Callable[[int], LinearSystem] | None, begun: bool
+    ) -> None:
+        """Go on with the size of a step; ``begun`` if the past has been carried over to it."""
+        if not begun and self.schemes.is_across(step):
+            _solved(self._carrying.to, step, self.state)
+            begun = True
+        before, now = self.schemes.grid.kinds(range(step - 1, step + 1))
+        if now == before and not begun:
+            return
+        self.scheme = scheme = self.schemes.at(step)
+        self.system = system_at(step) if system_at else self.system
+        if not begun:
             old = np.concatenate([self.state.past, self.state.fields[3:]])
             carried = scheme.carried(scheme.h / scheme.ratio)[:, :-1]
             self.state.past[:] = algebra.product(carried, old)
-        self.scheme, self.system = scheme, system
         if self.carried:
             self.carried.h = scheme.h
 
@@ -134,6 +155,30 @@ class _Index3:
             return values._replace(phi=self.carried.phi(self.moving, values.g))
         return values
 
+    def iterate(self, t: float, norms: Array) -> int:
+        """Correct fields and λ until Newton's iteration of the step to t ends.
+
+        ``norms`` is overwritten with those of the recorded blocks of the correction.  Returns the
+        number of corrections, negative where they ended too large.
+        """
+        scheme, settled, solves = self.scheme, 0, 0
+        while solves < scheme.iteration_cap:
+            values, rows, tangents = self.linearised(t)
+            rhs = -np.concatenate([f * row for f, row in zip(scheme.left, rows, strict=True)])
+            if self.look(rhs, solves):
+                return solves
+            correction = _solved(self.system.solve, values, rhs, tangents)
+            solves += 1
+            norm, now, over = self.advance(correction, t, norms, 0 if scheme.stop else settled)
+            if not np.isfinite(norm):
+                raise _Ended(DIVERGED)
+            if over:
+                break
+            settled = settled + 1 if self.is_small(norm, now) else 0
+            if settled and (norm == 0 or scheme.stop):
+                break
+        return solves if settled else -solves
+
     def linearised(self, t: float) -> tuple[Values, list[Array], Tangents | None]:
         """The problem at the iterate, the row blocks of b, and what J has of a formulation."""
         values = self._values(t, self.state.multipliers)
@@ -152,16 +197,11 @@ class _Index3:
     def advance(
         self, correction: Array, t: float, norms: Array, settled: int
     ) -> tuple[float, Array, bool]:
-        """Apply a correction, unless it does not decrease any more.
+        """Apply a correction (N,) in the scaled unknowns, unless it does not decrease any more.
 
-        Args:
-            correction: (N,) in the scaled unknowns.
-            t: End of the step.
-            norms: Overwritten with the norms of its blocks where they still decrease.
-            settled: Corrections in a row that were in the terminal phase.
-
-        Returns:
-            Its norm, those of its recorded blocks, and whether the step is over.
+        ``norms`` is overwritten where its blocks still decrease; ``settled`` counts corrections in
+        a row in the terminal phase.  Returns its norm, those of its recorded blocks, and whether
+        the step is over.
         """
         norm = algebra.norm(correction)
         if not np.isfinite(norm) or (settled >= 2 and norm >= self._previous):
@@ -199,11 +239,9 @@ class _Index3:
                     moving[field] += weight * (moving[source] - origin)
 
     def is_small(self, norm: float, norms: Array) -> bool:
-        """Whether a correction is in the terminal phase, or meets the test.
+        """Whether a correction of this norm, and of these of its blocks, meets the test.
 
-        Args:
-            norm: Norm of the whole correction.
-            norms: Norms of its blocks, the kept fields first.
+        Without one, whether it is in the terminal phase.
         """
         scheme, fields = self.scheme, self.state.fields
         p, kept = len(scheme.tables.kept), scheme.tables.kept
@@ -221,12 +259,7 @@ class _Index3:
         return norm == 0 or bool(displacement < threshold)
 
     def look(self, rhs: Array, solves: int) -> bool:
-        """Before a correction: whether the residual meets the test.
-
-        Args:
-            rhs: (N,) −D_L b.
-            solves: Corrections of the step so far; the first residual of it is kept.
-        """
+        """Whether −D_L b (N,) meets the test after so many corrections; the first is kept."""
         stop, left = self.scheme.stop, self.scheme.left
         if stop is None:
             return False
@@ -255,6 +288,13 @@ class _Index3:
         weights, fields = self.scheme.tables.acceleration, self.state.fields
         fields[3] = weights[0] * fields[2] + algebra.product(weights[1:], self.state.past)
 
+    @property
+    def total(self) -> Array:
+        """(m,) λ, with the impulse of the projection where it counts."""
+        if not self.scheme.total:
+            return self.state.multipliers
+        return np.asarray(self.state.multipliers + self.state.impulse / self.scheme.acting)
+
     def end_step(self, t: float) -> None:
         """Set what the past vectors become."""
         fields, past = self.state.fields, self.state.past
@@ -279,12 +319,12 @@ class _Formulated(_Index3):
     """
 
     def __init__(
-        self, problem: Problem, scheme: Scheme, state: State, system: LinearSystem, t: float
+        self, problem: Problem, schemes: Schemes, state: State, system: LinearSystem, first: int
     ) -> None:
-        super().__init__(problem, scheme, state, system, t)
+        super().__init__(problem, schemes, state, system, first)
         self._index_1 = Index1(problem)
-        self._done = np.zeros(len(scheme.recorded), bool)
-        self._last = np.zeros(len(scheme.recorded))
+        self._done = np.zeros(len(self.scheme.recorded), bool)
+        self._last = np.zeros(len(self.scheme.recorded))
 
     @property
     def constraining(self) -> Constraining:
@@ -472,68 +512,26 @@ def march(
         How the march ended and the steps done.
     """
     schemes = schemes or Schemes.of(problem, scheme)
-    grid, scheme = schemes.grid, schemes.at(first)
-    system = system_at(first) if system_at else system or DenseSystem(problem, scheme)
+    grid = schemes.grid
+    system = system_at(first) if system_at else system or DenseSystem(problem, schemes.at(first))
     kind = _Formulated if system.constraining else _Index3
-    own = kind(problem, scheme, state, system, grid.t(first))
-    which = grid.kinds(range(first, first + len(norms) + 1)) if grid.varies else None
-    carrying = Carrying(problem, schemes)
-    places = {} if record is None else {int(s): k for k, s in enumerate(record.steps)}
-    for s in range(len(norms)):
-        t = grid.t(first + s + 1)
-        if which is not None:
-            begun, step = (begun and s == 0), first + s + 1
-            if schemes.is_across(step) and not begun:
-                try:
-                    carrying.to(step, state)
-                except np.linalg.LinAlgError:
-                    return SINGULAR, s
-                begun = True
-            if which[s + 1] != which[s] or begun:
-                scheme = schemes.at(step)
-                system = system_at(step) if system_at else system
-                own.change_size(scheme, system, not begun)
-        own.begin_step(grid.t(first + s))
-        settled = solves = 0
-        while solves < scheme.iteration_cap:
-            # Outside of `try`: errors of the problem's own functions are not the solver's.
-            values, rows, tangents = own.linearised(t)
-            factors = zip(scheme.left, rows, strict=True)
-            rhs = -np.concatenate([factor * row for factor, row in factors])
-            if own.look(rhs, solves):
-                settled = 1
-                break
-            try:
-                correction = system.solve(values, rhs, tangents)
-            except Stagnation:
-                return STAGNATED, s
-            except np.linalg.LinAlgError:
-                return SINGULAR, s
-            solves += 1
-            phase = settled if scheme.stop is None else 0
-            norm, now, over = own.advance(correction, t, norms[s], phase)
-            if not np.isfinite(norm):
-                return DIVERGED, s
-            if over:
-                break
-            small = own.is_small(norm, now)
-            settled = settled + 1 if small else 0
-            if small and (norm == 0 or scheme.stop is not None):
-                break
-        iterations[s] = solves if settled else -solves
-        if scheme.stop and scheme.stop.missed != GO_ON and not settled:
-            return MISSED, s
-        try:
-            projected = own.finish(t)
-        except np.linalg.LinAlgError:
-            return SINGULAR, s
-        if positions is not None:
-            positions[s] = projected
-        own.end_step(t)
-        if s in places:
-            assert record is not None
-            record.fields[places[s]] = state.fields
-            record.multipliers[places[s]] = state.multipliers
-            if scheme.total:
-                record.multipliers[places[s]] += state.impulse / scheme.acting
+    own = kind(problem, schemes, state, system, first)
+    s = 0
+    try:
+        for s in range(len(norms)):
+            if grid.varies:
+                own.change_size(first + s + 1, system_at, begun and s == 0)
+            own.begin_step(grid.t(first + s))
+            t, stop = grid.t(first + s + 1), own.scheme.stop
+            iterations[s] = own.iterate(t, norms[s])
+            if stop and stop.missed != GO_ON and iterations[s] < 0:
+                raise _Ended(MISSED)
+            taken = _solved(own.finish, t)
+            if positions is not None:
+                positions[s] = taken
+            own.end_step(t)
+            if record:
+                record.keep(state._replace(multipliers=own.total), s)
+    except _Ended as end:
+        return end.args[0], s
     return COMPLETED, len(norms)
