@@ -109,7 +109,7 @@ def sheet(kind, panels, series, words):
     covering(
         ("orders", "work", "history", "grouped"),
         (1, 6),
-        (2, 12),
+        (2, 8),
         ("short", "long"),
         (3.3, 7.0),
     ),
@@ -120,8 +120,7 @@ def test_nothing_lies_on_anything_else(kind, panels, series, words, width):
 
 
 @each("name, width", [
-    ("6", 3.3), ("11", 3.3), ("13", 7.0), ("15", 3.3), ("17", 3.3), ("18", 7.0),
-    ("sensitivity", 3.3),
+    ("6", 3.3), ("13", 7.0), ("15", 3.3), ("18", 7.0), ("sensitivity", 3.3),
 ])  # fmt: skip
 def test_shipped_figures_are_whole(committed_results, name, width):
     """Also mechanisms, which are drawn with their names."""
@@ -130,11 +129,10 @@ def test_shipped_figures_are_whole(committed_results, name, width):
     require_whole(draw.drawn(sheets.sheet(figure, given), (width, None)))
 
 
-@each("width, height", [(3.3, 2.4), (7.0, 3.0)])
-def test_a_size_that_is_given_is_kept(width, height):
+def test_a_size_that_is_given_is_kept():
     """README's figure at the width of a column: four series, their slopes in the legend."""
-    drawing = draw.drawn(sheet("orders", 1, 4, "short"), (width, height))
-    assert drawing.get_size_inches().tolist() == [width, height]
+    drawing = draw.drawn(sheet("orders", 1, 4, "short"), (3.3, 2.4))
+    assert drawing.get_size_inches().tolist() == [3.3, 2.4]
     require_whole(drawing)
 
 

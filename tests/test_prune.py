@@ -10,11 +10,6 @@ import pytest
 from conftest import LONG, QUICK, CommandLine, wait_for_cells
 
 OTHER = QUICK.replace("study: quick", "study: other").replace("u-lambda", "a-lambda")
-ROD = """\
-points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 1}}
-bars: {rod: {from: O, to: P, length: 2}}
-gravity: [0, -9.81]
-"""
 
 
 @pytest.fixture(scope="module")
@@ -101,18 +96,6 @@ def test_what_no_study_needs_goes(cli, two):
         f"cells/{name}" for name in two["quick"] | two["other"] if name not in cells(cli)
     }
     assert all(before[name] == after[name] for name in after)
-
-
-def test_a_changed_problem(cli):
-    """Cells of what a mechanism was before go when the study has run with what it is now."""
-    cli.write("rod.yaml", ROD)
-    cli.write("quick.yaml", QUICK.replace("problem: pendulum", "problem: rod.yaml"))
-    cli("run", "quick.yaml")
-    cli.write("rod.yaml", ROD.replace("mass: 1", "mass: 3"))
-    cli("run", "quick.yaml")
-    assert len(cells(cli)) == 8
-    assert sizes(cli("prune").stdout)[0] == "removed 4 cells that no study needs"
-    assert cells(cli) == files_of(cli, "quick")
 
 
 def test_configs_take_the_place_of_records(cli, two):

@@ -38,7 +38,6 @@ CODE = ("validate", "draw", "advise", "export", "orders", "run")
 #: Words of the command line before a subject, and the subjects that they work for.
 COMMANDS = (
     ("validate", (*PROBLEMS, *STUDIES)),
-    ("draw --results drawn", MECHANISMS),
     ("draw --at 0.1 --h 0.05 --frames 2 --animate a.gif", MECHANISMS),
     ("advise --h 1e-3 --t-end 0.01", (*PROBLEMS, *STUDIES)),
     ("advise --h 1e-3 --matrices", ("matrices.npz",)),
