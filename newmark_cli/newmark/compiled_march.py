@@ -179,7 +179,7 @@ class Engine:
             later = across[np.searchsorted(across, first + 1, side="right") :]
             count = min(count, int(later[0]) - first - 1) if len(later) else count
             room = max(1, _MOST_NUMBERS // self._width)
-            if len(np.unique(self.schemes.grid.kinds(range(first, first + count + 1)))) > room:
+            if len(np.unique(self.schemes.grid.kinds(np.arange(first, first + count + 1)))) > room:
                 return room
         return count
 
@@ -188,14 +188,14 @@ class Engine:
         grid, numbers = self.schemes.grid, self._numbers
         which, rows = np.zeros(count + 1, np.int64), np.empty((0, 0), numbers.h.dtype)
         if grid.varies:
-            which = grid.kinds(range(first, first + count + 1))
+            which = grid.kinds(np.arange(first, first + count + 1))
             if self.schemes.is_across(first + 1):
                 which[0] = which[1]  # the past has been carried over
             kinds, which = np.unique(which, return_inverse=True)
             rows = np.array([self._row(max(kind, 0)) for kind in kinds.tolist()])
             self._memory[: self._width] = rows[which[0]]
         return Sizes(
-            times=grid.times(range(first, first + count + 1)),
+            times=grid.times(np.arange(first, first + count + 1)),
             which=which.ravel(),
             rows=rows,
             numbers=self._memory[: rows.shape[1]],

@@ -346,7 +346,7 @@ class Schemes:
         """The scheme of a step, counted from 1; step 0 has that of the first."""
         if not self.grid.varies:
             return self.base
-        return self.of_kind(int(self.grid.kinds(range(max(step, 1), max(step, 1) + 1))[0]))
+        return self.of_kind(int(self.grid.kinds(np.array([max(step, 1)]))[0]))
 
     def of_kind(self, number: int) -> Scheme:
         """The scheme of a kind of steps; see `TimeGrid.kinds`."""

@@ -232,12 +232,11 @@ class TimeGrid:
             return self.t0 + step * self.h
         return self.t0 + float(self._elapsed[step])
 
-    def times(self, steps: IndexArray | range) -> Array:
+    def times(self, steps: IndexArray) -> Array:
         """Times after these numbers of steps (s)."""
-        numbers = np.asarray(steps, np.int64)
         if self.sizes is None:
-            return np.asarray(self.t0 + numbers * self.h, float)
-        return np.asarray(self.t0 + self._elapsed[numbers])
+            return np.asarray(self.t0 + steps * self.h, float)
+        return np.asarray(self.t0 + self._elapsed[steps])
 
     def size(self, step: int) -> float:
         """Size of a step, counted from 1 (s); 0 and −1 are those before."""
@@ -267,16 +266,15 @@ class TimeGrid:
         kinds, which = np.unique(np.array([sizes, sizes / behind]).T, axis=0, return_inverse=True)
         return kinds, which.ravel()
 
-    def kinds(self, steps: range) -> IndexArray:
+    def kinds(self, steps: IndexArray) -> IndexArray:
         """Numbers of the kinds of steps, counted from 1, that `kind` tells.
 
         Steps of one kind have the same size and the same size before them; step 0 is of the
         first one's kind unless the size changes there, else of none, −1.
         """
         which = self._kinds[1]
-        numbers = np.asarray(steps, np.int64)
-        found = which[np.clip(numbers, 1, len(which)) - 1]
-        return np.where((numbers == 0) & (self.before[0] != self.size(1)), -1, found)
+        found = which[np.clip(steps, 1, len(which)) - 1]
+        return np.where((steps == 0) & (self.before[0] != self.size(1)), -1, found)
 
     def kind(self, number: int) -> tuple[float, float]:
         """Size of a kind of steps (s), and its ratio to the size of the step before."""
@@ -300,7 +298,7 @@ class TimeGrid:
         if self.sizes is None:
             steps = np.rint((times - self.t0) / self.h).astype(np.int64)
         else:
-            of_steps = self.times(range(last + 1))
+            of_steps = self.times(np.arange(last + 1))
             steps = np.searchsorted((of_steps[1:] + of_steps[:-1]) / 2, times)
         return np.asarray(np.unique(np.clip(steps, first, last)))
 

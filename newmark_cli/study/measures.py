@@ -228,7 +228,7 @@ class _Corrections(Observer):
         schemes, grid = self._march.schemes, self._march.grid
         if not grid.varies:
             return physical_norms(schemes.base, norms)
-        kinds, which = np.unique(grid.kinds(range(1, len(norms) + 1)), return_inverse=True)
+        kinds, which = np.unique(grid.kinds(np.arange(1, len(norms) + 1)), return_inverse=True)
         physical: dict[str, Array] = {}
         for number, kind in enumerate(kinds.tolist()):
             of_kind = physical_norms(schemes.of_kind(kind), norms[which == number])
