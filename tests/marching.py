@@ -75,7 +75,7 @@ def march(engine, subject, scheme, state, first, steps, **options):
 def interpreted_march(
     subject, scheme, state, first, norms, iterations, record=None, positions=None
 ):
-    """The kernel's march as Python runs it, and all that it calls."""
+    """The kernel's march as Python runs it, and all that it calls but the problem's functions."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(compiled_march, "specialised", lambda problem, *_: unspecialised(problem))
         engine = compiled_march.Engine(subject, scheme)
@@ -88,7 +88,7 @@ def interpreted_march(
     given = engine.arguments(state, first, counts, kept)
     functions, code, tables, (static, dense), extra, _, schedule, sizes, *_ = given
     numbers = (*given[5:], kernel._allocate(*tables, dense, state, schedule, sizes))
-    evaluate, derive, solve = (getattr(one, "py_func", one) for one in functions)
+    evaluate, derive, solve = functions
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):

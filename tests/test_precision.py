@@ -62,26 +62,11 @@ def test_elements_compute_in_single_precision(everything, seed, t):
     u = everything.u0 + 0.2 * random.normal(size=everything.n)
     state = u, random.normal(size=everything.n), random.normal(size=everything.m)
     compiled = evaluated(elements.evaluate, everything, np.float32, t, *state)
-    with pytest.MonkeyPatch.context() as patch:
+    with mechanisms.interpreted() as patch:
         patch.setattr(
             elements, "np", SimpleNamespace(sin=sine, cos=cosine, sqrt=np.sqrt, int64=np.int64)
         )
-        for name in (
-            "_law",
-            "_sum",
-            "_spread",
-            "_blocks",
-            "_line",
-            "_square",
-            "_product",
-            "_line_force",
-            "_spread_turned",
-            "_spread_plain",
-            "_gradient",
-            "accumulate",
-        ):
-            patch.setattr(elements, name, getattr(elements, name).py_func)
-        interpreted = evaluated(elements.evaluate.py_func, everything, np.float32, t, *state)
+        interpreted = evaluated(elements.evaluate, everything, np.float32, t, *state)
     double = evaluated(elements.evaluate, everything, np.float64, t, *state)
     for found, expected, exact in zip(compiled, interpreted, double, strict=True):
         assert found.dtype == expected.dtype == np.float32

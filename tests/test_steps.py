@@ -44,7 +44,9 @@ def test_times_are_sums_rounded_once(sizes, t0):
     grid = TimeGrid(t0, sizes[0], np.array(sizes))
     for k in range(len(sizes) + 1):
         assert grid.t(k) == t0 + float(sum(map(Fraction, sizes[:k]), Fraction(0)))
-    assert grid.times(np.arange(len(sizes) + 1)).tolist() == [grid.t(k) for k in range(len(sizes) + 1)]
+    assert grid.times(np.arange(len(sizes) + 1)).tolist() == [
+        grid.t(k) for k in range(len(sizes) + 1)
+    ]
 
 
 @each("integrator", ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2"))

@@ -50,15 +50,20 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.mechanisms import timed
-from newmark_cli.support.cached_code import cached_njit
+from newmark_cli.support.cached_code import cached_njit, part_njit
 
-sine_cosine, at_time, _law_of = timed.sine_cosine, timed.at_time, timed.law
-#: Nothing here is allocated, so references are not counted: that would take longer than a small
-#: mechanism.  numba types no _nrt.
+sine_cosine, at_time, _law = timed.sine_cosine, timed.at_time, timed.law
+#: Functions by themselves, and parts of others.  In most of them nothing is allocated, so
+#: references are not counted: that would take longer than a small mechanism.
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 _compile, _compile_allocating = cached_njit(**_OPTIONS, _nrt=False), cached_njit(**_OPTIONS)
-#: A function that becomes a part of its caller: handing on arrays costs time in each call.
-_inline = cached_njit(**_OPTIONS, _nrt=False, forceinline=True)
+_part, _part_allocating = part_njit(**_OPTIONS, _nrt=False), part_njit(**_OPTIONS)
+#: Handing on arrays costs time in each call: parts that are inlined by LLVM, and, where there is
+#: but one call, by numba, which compiles sooner.
+_inline, _once = (
+    part_njit(**_OPTIONS, _nrt=False, forceinline=True),
+    part_njit(**_OPTIONS, inline="always"),
+)
 
 #: Kinds; those from `COUPLE` on are left to `_accumulate_further`.
 (
@@ -80,12 +85,6 @@ LAW = 6
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
-
-
-@_compile
-def _law(t, reals, first, derivative):
-    """A law of time whose six parameters begin at a place, or a derivative of it."""
-    return _law_of(t, reals, first, derivative)
 
 
 @_inline
@@ -122,7 +121,7 @@ def _spread(values, g, reals, weight, components, turned, x, y, z):
             values[g + 2] = a * z
 
 
-@_compile
+@_part
 def _gradient(vector, whole, cosine, sine, ints, reals, e, values):
     """Row e at a vector: its products, and its columns of G as values at their places.
 
@@ -287,7 +286,7 @@ def _product(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
                 x = _blocks(x_values, x, reals, other, w, turned, components, multiplier)
 
 
-@_inline
+@_once
 def _line_force(u, v, ints, reals, e, force, x_values, y_values):
     """A force −tension L with the tangent −L mᵀ − tension, or that of a torque, across L."""
     kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
@@ -296,41 +295,41 @@ def _line_force(u, v, ints, reals, e, force, x_values, y_values):
     real = u.dtype.type
     one, two = real(1), real(2)
     dx, dy, dz, square = _line(u, ints, reals, e)
+    damping, tension, mx, my, mz = real(0), real(0), real(0), real(0), real(0)
     if kind == TORQUE:  # the virtual work of τ through the angle of L
         torque = reals[0, parameter] / square
         txx = two * torque * dx * dy / square
         txy = torque * (dy * dy - dx * dx) / square
         pull, tangent = (-torque * dy, torque * dx), (txx, txy, txy, -txx)
-        _spread_turned(ints, reals, e, pull, tangent, (dx, dy), real(0), force, x_values, y_values)
-        return
-    damping = real(0)
-    if kind == SPRING:
-        length = np.sqrt(square)
-        tension = reals[0, parameter] * (one - reals[0, parameter + 1] / length)
-        rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
-        mx, my, mz = rank * dx, rank * dy, rank * dz
     else:
-        wx, wy, wz = _sum(v, ints, reals, at, weight, first, components, turned)
-        damping = reals[0, parameter] / square
-        product = dx * wx + dy * wy + dz * wz
-        tension, twice = damping * product, two * product / square
-        mx = damping * (wx - twice * dx)
-        my = damping * (wy - twice * dy)
-        mz = damping * (wz - twice * dz)
-    # In space the compiler drops these, but counts of operations have them.
-    pull, txx, tyy = (-tension * dx, -tension * dy), -tension - mx * dx, -tension - my * dy
-    txy, tyx = -mx * dy, -mx * dy
-    if kind == DAMPER:
-        txy, tyx = -dx * my, -dy * mx
-    line, tangent = (dx, dy), (txx, txy, tyx, tyy)
+        if kind == SPRING:
+            length = np.sqrt(square)
+            tension = reals[0, parameter] * (one - reals[0, parameter + 1] / length)
+            rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
+            mx, my, mz = rank * dx, rank * dy, rank * dz
+        else:
+            wx, wy, wz = _sum(v, ints, reals, at, weight, first, components, turned)
+            damping = reals[0, parameter] / square
+            product = dx * wx + dy * wy + dz * wz
+            tension, twice = damping * product, two * product / square
+            mx = damping * (wx - twice * dx)
+            my = damping * (wy - twice * dy)
+            mz = damping * (wz - twice * dz)
+        # In space the compiler drops these, but counts of operations have them.
+        pull, txx, tyy = (-tension * dx, -tension * dy), -tension - mx * dx, -tension - my * dy
+        txy, tyx = -mx * dy, -mx * dy
+        if kind == DAMPER:
+            txy, tyx = -dx * my, -dy * mx
+        tangent = (txx, txy, tyx, tyy)
     if turned != 0:
+        line = dx, dy
         _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values, y_values)
     else:
         spatial, rank_one = (dx, dy, dz), (mx, my, mz)
         _spread_plain(ints, reals, e, tension, spatial, rank_one, square, force, x_values, y_values)
 
 
-@_inline
+@_once
 def _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values, y_values):
     """A force on L of the plane, its tangent T, and −damping L Lᵀ, for all terms of L."""
     first, weight, at = ints[0, e + FIRST], ints[0, e + WEIGHTS], e + PLACES
@@ -360,7 +359,7 @@ def _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values
                 y += 4
 
 
-@_inline
+@_once
 def _spread_plain(ints, reals, e, tension, line, rank_one, square, force, x_values, y_values):
     """The force −tension L in space, and its tangents, for all terms of L."""
     first, weight, at = ints[0, e + FIRST], ints[0, e + WEIGHTS], e + PLACES
@@ -392,15 +391,25 @@ def _spread_plain(ints, reals, e, tension, line, rank_one, square, force, x_valu
 
 
 @_compile
-def accumulate(
-    first_row, last_row, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
-    g_values,
-):  # fmt: skip
-    """Do what `evaluate` does for elements from one place to another; force is added to."""
+def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before `COUPLE`.
+
+    Args:
+        t: Time (s).
+        u, v: (n,) coordinates (m, directors without unit) and their rates.
+        multipliers: (m,) λ.
+        ints, reals: Element tables, see the module.
+        force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
+        phi: (m,) overwritten with Φ(u, t).
+        x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
+        y_values: Overwritten with the entries of Y = −∂f/∂v.
+        g_values: Overwritten with the entries of G = Φ_uᵀ.
+    """
+    force[:] = 0
     # Constants in the precision of the state: others would raise that of their terms.
     zero, half = u.dtype.type(0), u.dtype.type(0.5)
-    e = first_row
-    while e < last_row:
+    e = np.int64(0)  # a literal would compile what it is handed to once more
+    while e < ints.shape[1]:
         kind, parameter, begin, at = ints[0, e + KIND], ints[0, e + PARAMETERS], e, e + PLACES
         if kind == LINK:
             r, weight, first = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + FIRST]
@@ -438,7 +447,7 @@ def accumulate(
             _line_force(u, v, ints, reals, begin, force, x_values, y_values)
 
 
-@_compile
+@_part
 def _along(vector, ints, reals, e, values):
     """Gᵀ times a vector (n,), of the row at e, without its single coordinates."""
     total, g, components = vector.dtype.type(0), ints[0, e + G_START], ints[0, e + COMPONENTS]
@@ -449,7 +458,7 @@ def _along(vector, ints, reals, e, values):
     return total
 
 
-@_compile
+@_part
 def _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
     """The angle of a vector as a coordinate."""
     one, g, x = u.dtype.type(1), ints[0, e + G_START], ints[0, e + X_START]
@@ -468,7 +477,7 @@ def _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
     x_values[x + 2 * entries] = multiplier * phi[row]
 
 
-@_compile
+@_part
 def _twist(u, v, ints, reals, e, force, x_values, y_values):
     """A torque on a sum of angles."""
     count, w, parameter = ints[0, e + SINGLE], ints[0, e + WEIGHTS], ints[0, e + PARAMETERS]
@@ -488,7 +497,7 @@ def _twist(u, v, ints, reals, e, force, x_values, y_values):
             y += 1
 
 
-@_compile_allocating
+@_part_allocating
 def _moment(u, ints, reals, e, force, x_values):
     """A torque τ on a body: ½ τ × d_i on each director, τ in global axes or in its own."""
     p, place, x = ints[0, e + PARAMETERS], ints[0, e + PLACES], ints[0, e + X_START]
@@ -520,7 +529,7 @@ def _moment(u, ints, reals, e, force, x_values):
                     x += 2
 
 
-@_compile_allocating
+@_part_allocating
 def _angle(u, ints, reals, e):
     """Sine and cosine of the angle of a hinge, times what they have in common; Q, P and K."""
     first, components = ints[0, e + FIRST], ints[0, e + COMPONENTS]
@@ -540,7 +549,7 @@ def _angle(u, ints, reals, e):
     return sine, cosine, q, p, b
 
 
-@_compile_allocating
+@_part_allocating
 def _hinge(u, v, ints, reals, e, force, x_values, y_values):
     """A hinge: the force Q g on both bodies, g = ∂φ/∂u, and its tangents."""
     two = u.dtype.type(2)
@@ -606,13 +615,13 @@ def _hinge(u, v, ints, reals, e, force, x_values, y_values):
                     y += 1
 
 
-@_compile_allocating
+@_part_allocating
 def _accumulate_further(
-    last, t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+    t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
 ):
-    """What `accumulate` leaves out, up to a place: elements that few mechanisms have."""
-    e = np.int64(0)  # a literal would compile what it is handed to once more
-    while e < last:
+    """What `evaluate` leaves out: elements that few mechanisms have."""
+    e = np.int64(0)
+    while e < ints.shape[1]:
         kind = ints[0, e + KIND]
         if kind == COUPLE:
             _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values)
@@ -633,121 +642,51 @@ def _accumulate_further(
         e += ints[0, e + SIZE]
 
 
-@_compile
-def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before `COUPLE`.
-
-    Args:
-        t: Time (s).
-        u, v: (n,) coordinates (m, directors without unit) and their rates.
-        multipliers: (m,) λ.
-        ints, reals: Element tables, see the module.
-        force: (n,) overwritten with f(u, v, t) + G(u, t) λ.
-        phi: (m,) overwritten with Φ(u, t).
-        x_values: Overwritten with the entries of X = −∂(f + Gλ)/∂u.
-        y_values: Overwritten with the entries of Y = −∂f/∂v.
-        g_values: Overwritten with the entries of G = Φ_uᵀ.
-    """
-    force[:] = 0
-    first = np.int64(0)
-    accumulate(
-        first, ints.shape[1], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values,
-        g_values,
-    )  # fmt: skip
-
-
 @_compile_allocating
 def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
     """The same as `evaluate`, of all kinds of elements."""
     evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-    _accumulate_further(
-        ints.shape[1], t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-    )
+    _accumulate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
 
 
 @_compile_allocating
 def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
     """The same as `evaluate_all`, of a table with laws behind its elements."""
-    last, frozen = at_time(t, ints, reals)
-    now = reals.dtype.type(0)
-    force[:] = 0
-    first = np.int64(0)
-    accumulate(
-        first, last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
-    )
-    _accumulate_further(
-        last, now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values
-    )
+    now, frozen = reals.dtype.type(0), at_time(t, ints, reals)
+    evaluate_all(now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values)
 
 
-@_compile_allocating
-def _differentiate_angular(
-    u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values, acceleration_values
+@_part_allocating
+def _turn(
+    u, v, w, sine, cosine, turn, faster, ints, reals, e, rate, curvature, rates, accelerations
 ):
-    """Rows whose first combination turns: N = cos θ Q − sin θ P, with N', N'' by the angle."""
+    """Add what the angle of N = cos θ Q − sin θ P contributes, by N' and N''."""
     one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
     row, g = ints[0, e + ROW], ints[0, e + G_START]
-    entries = ints[0, e + COMPONENTS] * (ints[0, e + FIRST] + ints[0, e + SECOND])
-    sine, cosine = sine_cosine(angle, u.dtype.type)
-    values = np.empty(g + entries, u.dtype)
-    further = np.empty(g + entries, u.dtype)
-    moving = _gradient(v, zero, cosine, sine, ints, reals, e, rate_values)
-    _gradient(w, zero, cosine, sine, ints, reals, e, acceleration_values)
-    # θ' N', and θ'' N' + θ'² N'', besides what moves.
-    by_angle = _gradient(u, one, -sine, cosine, ints, reals, e, values)
-    mixed, pushed = _along(v, ints, reals, e, values), _along(w, ints, reals, e, values)
-    again = _gradient(u, one, -cosine, -sine, ints, reals, e, further)
-    bent = _along(v, ints, reals, e, further)
-    for k in range(g, g + entries):
-        rate_values[k] += turn * values[k]
-        acceleration_values[k] += faster * values[k] + turn * turn * further[k]
-    turned = _gradient(v, zero, -sine, cosine, ints, reals, e, values)
-    for k in range(g, g + entries):
-        acceleration_values[k] += two * turn * values[k]
-    rate[row] = turn * by_angle
-    curvature[row] = two * moving + two * turn * mixed + turn * turn * again
+    end = g + ints[0, e + COMPONENTS] * (ints[0, e + FIRST] + ints[0, e + SECOND])
+    # N' and N'' at u, N' at v.
+    columns, by_angle, again, turned = np.empty((3, end), u.dtype), zero, zero, zero
+    for k in range(3):
+        vector, whole = (v, zero) if k == 2 else (u, one)
+        c, s = (-cosine, -sine) if k == 1 else (-sine, cosine)
+        product = _gradient(vector, whole, c, s, ints, reals, e, columns[k])
+        by_angle, again, turned = again, turned, product
+    mixed, bent = _along(v, ints, reals, e, columns[0]), _along(v, ints, reals, e, columns[1])
+    for i in range(g, end):
+        rates[i] += turn * columns[0, i]
+        accelerations[i] += faster * columns[0, i] + turn * turn * columns[1, i]
+        accelerations[i] += two * turn * columns[2, i]
+    curvature[row] += two * turn * mixed
+    curvature[row] += turn * turn * again
     if ints[0, e + KIND] == ANGLE:
+        rate[row] = turn * by_angle
         curvature[row] += faster * by_angle
     else:  # the angle is a coordinate, with a column of its own
-        rate[row] = zero
-        rate_values[g + entries] = mixed + turn * again
-        acceleration_values[g + entries] = (
+        rates[end] = mixed + turn * again
+        pushed = _along(w, ints, reals, e, columns[0])
+        accelerations[end] = (
             pushed + faster * again + two * turned + two * turn * bent - turn * turn * by_angle
         )
-
-
-@_compile_allocating
-def _differentiate(
-    last, t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-):
-    """Do what `constraint_derivatives` does for elements up to a place."""
-    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
-    e = np.int64(0)
-    while e < last:
-        kind, row, p = ints[0, e + KIND], ints[0, e + ROW], ints[0, e + PARAMETERS]
-        timed = ints[0, e + GIVEN] == LAW
-        if kind in (LINK, SQUARE, PRODUCT):
-            # Quadratic: Φ'' and the tangents are Φ and G of v and w.
-            product = _gradient(v, zero, one, zero, ints, reals, e, rate_values)
-            _gradient(w, zero, one, zero, ints, reals, e, acceleration_values)
-            rate[row], curvature[row] = zero, two * product if kind == PRODUCT else product
-            if timed:
-                rate[row] = -_law(t, reals, p, 1)
-                curvature[row] -= _law(t, reals, p, 2)
-        elif kind in (ANGLE, COUPLE):
-            angle, turn, faster = zero, zero, zero
-            if kind == ANGLE:
-                angle += _law(t, reals, p, 0)
-                turn += _law(t, reals, p, 1)
-                faster += _law(t, reals, p, 2)
-            else:
-                place = ints[0, e + PLACES + ints[0, e + SECOND]]
-                angle, turn, faster = u[place], v[place], w[place]
-            _differentiate_angular(
-                u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values,
-                acceleration_values,
-            )  # fmt: skip
-        e += ints[0, e + SIZE]
 
 
 @_compile_allocating
@@ -766,9 +705,38 @@ def constraint_derivatives(
             the places of those of G.
         acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
     """
-    _differentiate(
-        ints.shape[1], t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-    )
+    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
+    e = np.int64(0)
+    while e < ints.shape[1]:
+        kind, row, begin = ints[0, e + KIND], ints[0, e + ROW], e
+        e += ints[0, e + SIZE]
+        if kind not in CONSTRAINTS:
+            continue
+        law, turn, faster = zero, zero, zero  # and rates, of an angle or what is given
+        if kind == COUPLE:
+            place = ints[0, begin + PLACES + ints[0, begin + SECOND]]
+            law, turn, faster = u[place], v[place], w[place]
+        elif ints[0, begin + GIVEN] == LAW:
+            for k in range(0 if kind == ANGLE else 1, 3):
+                law, turn, faster = turn, faster, _law(t, reals, ints[0, begin + PARAMETERS], k)
+        sine, cosine = zero, one
+        if kind in (ANGLE, COUPLE):
+            sine, cosine = sine_cosine(law, u.dtype.type)
+        # Quadratic: Φ'' and the tangents are Φ and G of v and w.
+        product = zero
+        for k in range(2):
+            vector, values = (w, acceleration_values) if k == 0 else (v, rate_values)
+            product = _gradient(vector, zero, cosine, sine, ints, reals, begin, values)
+        curvature[row] = product if kind in (LINK, SQUARE) else two * product
+        rate[row] = zero
+        if kind in (ANGLE, COUPLE):
+            _turn(
+                u, v, w, sine, cosine, turn, faster, ints, reals, begin, rate, curvature,
+                rate_values, acceleration_values,
+            )  # fmt: skip
+        elif ints[0, begin + GIVEN] == LAW:
+            rate[row] = -turn
+            curvature[row] -= faster
 
 
 @_compile_allocating
@@ -776,18 +744,23 @@ def timed_constraint_derivatives(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
     """The same of a table with laws behind its elements."""
-    last, frozen = at_time(t, ints, reals)
-    _differentiate(
-        last, reals.dtype.type(0), u, v, w, ints, frozen, rate, curvature, rate_values,
-        acceleration_values,
-    )  # fmt: skip
+    now, frozen = reals.dtype.type(0), at_time(t, ints, reals)
+    constraint_derivatives(
+        now, u, v, w, ints, frozen, rate, curvature, rate_values, acceleration_values
+    )
 
 
 @_compile_allocating
-def _potential(last, t, u, ints, reals):
-    """Potential energy of elements up to a place (J)."""
+def potential(t, u, v, ints, reals):
+    """Potential energy of springs, torsion springs and loads (J): ½ k (|L| − l)², −F·P.
+
+    Args:
+        t: Time (s).
+        u, v: (n,) coordinates and velocities; v is not used.
+        ints, reals: Element tables, see the module.
+    """
     energy, e = 0.0, np.int64(0)
-    while e < last:
+    while e < ints.shape[1]:
         kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
         r, p, at = ints[0, e + REALS], ints[0, e + PARAMETERS], e + PLACES
         weight, count = ints[0, e + WEIGHTS], ints[0, e + FIRST]
@@ -821,19 +794,6 @@ def _potential(last, t, u, ints, reals):
 
 
 @_compile_allocating
-def potential(t, u, v, ints, reals):
-    """Potential energy of springs, torsion springs and loads (J): ½ k (|L| − l)², −F·P.
-
-    Args:
-        t: Time (s); not used, as v is.
-        u, v: (n,) coordinates and velocities.
-        ints, reals: Element tables, see the module.
-    """
-    return _potential(ints.shape[1], t, u, ints, reals)
-
-
-@_compile_allocating
 def timed_potential(t, u, v, ints, reals):
     """The same as `potential`, of a table with laws behind its elements."""
-    last, frozen = at_time(t, ints, reals)
-    return _potential(last, reals.dtype.type(0), u, ints, frozen)
+    return potential(reals.dtype.type(0), u, v, ints, at_time(t, ints, reals))

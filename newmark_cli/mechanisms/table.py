@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from newmark_cli.mechanisms import elements, laws
-from newmark_cli.problems.problem import Elements, Pattern
+from newmark_cli.problems.problem import Pattern
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Place in u of a vector, and its weights; of a single coordinate, and its weight.
@@ -146,7 +146,7 @@ class Tables:
             "potential": potential if conservative else None,
             "ints": self.ints,
             "reals": self.reals,
-            "elements": Elements(elements.accumulate, self.starts) if written else None,
+            "starts": self.starts if written else None,
         }
 
     def pattern(self, mass: IndexArray) -> Pattern:

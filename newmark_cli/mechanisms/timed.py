@@ -36,34 +36,31 @@ from newmark_cli.mechanisms.laws import (
     WEIGHT,
     WHAT,
 )
-from newmark_cli.support.cached_code import cached_njit
+from newmark_cli.support.cached_code import cached_njit, part_njit
 
 sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
+_part = part_njit(nogil=True, error_model="numpy")
 
 #: How far beyond the ends of a spline it still holds, of its length: rounding of t.
 _SLACK = 1e-6
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_part
 def law(t, reals, first, derivative):
     """The six parameters from a place on as a law of time, or a derivative of it."""
     real = reals.dtype.type
     half = real(0.5)
     rate, second = reals[0, first + 1], reals[0, first + 2]
     amplitude, frequency = reals[0, first + 3], reals[0, first + 4]
-    phase = frequency * t + reals[0, first + 5]
+    sine, cosine = sine_cosine(frequency * t + reals[0, first + 5], real)
     if derivative == 0:
-        return (
-            reals[0, first]
-            + (rate + half * second * t) * t
-            + amplitude * sine_cosine(phase, real)[0]
-        )
+        return reals[0, first] + (rate + half * second * t) * t + amplitude * sine
     if derivative == 1:
-        return rate + second * t + amplitude * frequency * sine_cosine(phase, real)[1]
-    return second - amplitude * frequency * frequency * sine_cosine(phase, real)[0]
+        return rate + second * t + amplitude * frequency * cosine
+    return second - amplitude * frequency * frequency * sine
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_part
 def _term(t, what, count, repeats, reals, r, derivative):
     """A term of a law of time whose numbers begin at r, or its first or second derivative."""
     real = reals.dtype.type
@@ -77,12 +74,12 @@ def _term(t, what, count, repeats, reals, r, derivative):
         return total
     if what == SINE:
         amplitude, frequency = reals[0, r], reals[0, r + 1]
-        phase = frequency * t + reals[0, r + 2]
+        sine, cosine = sine_cosine(frequency * t + reals[0, r + 2], real)
         if derivative == 0:
-            return amplitude * sine_cosine(phase, real)[0]
+            return amplitude * sine
         if derivative == 1:
-            return amplitude * frequency * sine_cosine(phase, real)[1]
-        return -amplitude * frequency * frequency * sine_cosine(phase, real)[0]
+            return amplitude * frequency * cosine
+        return -amplitude * frequency * frequency * sine
     first, last = reals[0, r], reals[0, r + 1]
     if repeats != 0:
         t = t - (last - first) * np.floor((t - first) / (last - first))
@@ -106,7 +103,7 @@ def _term(t, what, count, repeats, reals, r, derivative):
     return real(6) * a * x + real(2) * b
 
 
-@cached_njit(nogil=True, error_model="numpy")
+@_part
 def _whole_law(t, ints, reals, e, derivative):
     """The law at e, with its terms, or its first or second derivative."""
     value = law(t, reals, ints[0, e + 2], derivative)
@@ -121,9 +118,9 @@ def _whole_law(t, ints, reals, e, derivative):
 
 @cached_njit(nogil=True, error_model="numpy")
 def at_time(t, ints, reals):
-    """Where the laws of a table begin, and (1, …) its numbers up to there.
+    """(1, …) numbers of a table up to its laws.
 
-    Laws of these numbers are at t = 0 what those of the table are at t.
+    Elements with these are at t = 0 what those of the table are at t.
 
     Args:
         t: Time (s).
@@ -147,4 +144,4 @@ def at_time(t, ints, reals):
                 weight = reals[0, ints[0, e + 2] + WEIGHT]
                 frozen[0, target] += weight * _whole_law(t, ints, reals, e, 0)
         e += ints[0, e + 1]
-    return last, frozen
+    return frozen

@@ -14,7 +14,7 @@ from newmark_cli.newmark.linear.written.exchanges import Exchanges
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.specialised import specialised, unspecialised
 from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
-from newmark_cli.newmark.linear.written.static_elimination import solve_in_order
+from newmark_cli.newmark.linear.written.static_elimination import solve_generated
 from newmark_cli.newmark.march_data import (
     BY_ROUNDING,
     COMPLETED,
@@ -112,7 +112,7 @@ class Engine:
         self._numbers = self._numbers_of(scheme)
         if static:
             self._numbers = self._numbers._replace(static=static.elimination.tables)
-        self._solve = static.elimination.solve if static else solve_in_order
+        self._solve = static.elimination.solve if static else solve_generated
         dtype, pattern = scheme.dtype, problem.pattern
         tables = ProblemTables(
             problem.ints,
@@ -224,8 +224,8 @@ class Engine:
         done = 0
         while True:
             if self.exchanges:
-                static, self._solve = self.exchanges.at(state, first + done)
-                self._numbers = self._numbers._replace(static=static)
+                found = self.exchanges.at(state, first + done)
+                self._numbers = self._numbers._replace(static=found)
             if self.schemes.is_across(first + done + 1):
                 try:
                     self._carrying.to(first + done + 1, state)

@@ -22,7 +22,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import from_dtype, njit, typeof, types
+from numba import from_dtype, typeof, types
 from numba.extending import intrinsic
 
 from newmark_cli.newmark.march_data import (
@@ -38,16 +38,13 @@ from newmark_cli.newmark.march_data import (
     SINGULAR,
     UNSOLVED,
 )
-from newmark_cli.support.cached_code import cached_njit
+from newmark_cli.support.cached_code import cached_njit, part_njit
 from newmark_cli.support.machine_code import generate_call
 
-#: A function by itself, one that only the march calls, and one that becomes a part of its
-#: caller.  The second has no entry for Python, which would take as long to compile as the
-#: function, and is kept with the march.  Without fastmath: compiled and interpreted, the march
-#: gives the same bits.
-_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "_nrt": False}  # numba types no _nrt
-_WITHOUT_ENTRY: Any = {**_OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-_compile, _part = cached_njit(**_OPTIONS), njit(**_WITHOUT_ENTRY)
+#: A function by itself, one that only the march calls, and one that is compiled as if it stood
+#: in its caller.  Without fastmath: compiled and interpreted, the march gives the same bits.
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "_nrt": False}
+_compile, _part = cached_njit(**_OPTIONS), part_njit(**_OPTIONS)
 _inline = cached_njit(**_OPTIONS, inline="always")
 
 

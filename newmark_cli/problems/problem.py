@@ -95,16 +95,6 @@ class Outputs(Protocol):
         """A length (m) that forces times are moments to compare with; u is (n,)."""
 
 
-class Elements(NamedTuple):
-    """A problem's function taken apart."""
-
-    #: ``(first, last, t, u, v, λ, ints, reals, force, Φ, X, Y, G)``, compiled: does for the rows
-    #: first to last of the tables what the function does for all, adding to a force that it does
-    #: not set to 0
-    accumulate: Any
-    starts: IndexArray  #: rows with which elements begin; those of one stay together
-
-
 @dataclass(frozen=True, eq=False)
 class Problem:
     """An index-3 problem whose values come from one function.
@@ -120,7 +110,8 @@ class Problem:
             overwrites the last four, see `ConstraintRows`; w is the acceleration.  It is
             compiled where ``function`` is.
         ints, reals: Two-dimensional tables handed to the functions.
-        elements: ``function`` taken apart, where it is a loop over elements.
+        starts: Where elements begin in ``ints``, if ``function`` is a loop over them that does
+            with a part of the table its share of the work, and may be handed to LLVM.
         pattern: Places of the values.
         mass_values: Values of M.
         drawing_given: What `drawing` is, or a function without arguments that makes it.
@@ -188,7 +179,7 @@ class Problem:
     rates: Callable[..., None] | None = None
     outputs: Outputs | None = None
     released: tuple[str, ...] = ()
-    elements: Elements | None = None
+    starts: IndexArray | None = None
     until: float = math.inf
     doubts: tuple[str, ...] = ()
     reached: Callable[[float, Array, Array], None] | None = None

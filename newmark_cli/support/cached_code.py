@@ -51,6 +51,16 @@ def cached_njit(**options: Any) -> Callable[[Any], Any]:
     return decorated
 
 
+def part_njit(**options: Any) -> Callable[[Any], Any]:
+    """`numba.njit` of what becomes a part of compiled callers, and is kept with them.
+
+    It has no entries for Python and C, which would take about as long to compile.
+    """
+    without: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    decorator: Callable[[Any], Any] = njit(**options, **without)
+    return decorator
+
+
 def _cache_of(function: Any) -> Any:
     try:
         return _Cache(function)

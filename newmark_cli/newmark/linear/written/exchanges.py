@@ -6,8 +6,6 @@ where partial pivoting would take another row: what it solves, partial pivoting 
 the same operations.
 """
 
-from typing import Any
-
 import numpy as np
 
 from newmark_cli.newmark.linear import assembly
@@ -70,14 +68,12 @@ class Exchanges:
         self._steps += len(given_up)
         self.given_up += int(given_up.sum())
 
-    def at(self, state: State, step: int) -> tuple[MatrixTables, Any]:
-        """Tables and function of `kernel.solve_type` to go on with; empty tables for loops."""
+    def at(self, state: State, step: int) -> MatrixTables:
+        """Tables of `static_elimination.solve_generated` to go on with; empty ones for loops."""
         if self._may_look and not (self.coded and self.given_up < _PATIENCE):
             self.looks, self.given_up = self.looks + 1, 0
             self._current = self._looked_up(state, step) or self._nothing
-        if self.coded:
-            return self._current, static_elimination.solve_generated
-        return self._nothing, static_elimination.solve_in_order
+        return self._current
 
     def _looked_up(self, state: State, step: int) -> MatrixTables | None:
         problem, (u, v, *_) = self._problem, state.fields.astype(float)

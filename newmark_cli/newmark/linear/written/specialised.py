@@ -11,6 +11,7 @@ state stay arguments.
 
 from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -25,7 +26,7 @@ from newmark_cli.newmark.linear.written import generated
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.march_data import UNSOLVED, ProblemTables
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.problem import Elements, Problem
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support import machine_code
 from newmark_cli.support.arrays import IndexArray
 from newmark_cli.support.cached_code import bitcode, cached_njit
@@ -34,8 +35,8 @@ from newmark_cli.support.machine_code import generate_call
 #: Most elements of a mechanism that code is made for: 20 ms of compilation each, 0.1 s in space.
 ELEMENTS_AT_MOST = 64
 
-#: Arguments of `Elements.accumulate` behind the rows, of the verbs of the kernel, and of the
-#: code for evaluation and for a correction, in their orders.
+#: Arguments of a problem's function, of the verbs of the kernel, and of the code for evaluation
+#: and for a correction, in their orders.
 _EVALUATED = (
     "t", "u", "v", "multipliers", "ints", "reals", "force", "phi", "x", "y", "g",
 )  # fmt: skip
@@ -68,10 +69,9 @@ def specialised(
 
     It includes the elimination, if there is one.
     """
-    elements = problem.elements
-    if elements is None or not 0 < len(elements.starts) <= ELEMENTS_AT_MOST:
+    if problem.starts is None or not 0 < len(problem.starts) <= ELEMENTS_AT_MOST:
         return unspecialised(problem)
-    parts = _Parts(elements, problem, scheme, tables, elimination)
+    parts = _Parts(problem, problem.starts.tolist(), scheme, tables, elimination)
     evaluate, correct = machine_code.addresses(
         specialised, ("evaluate", "correct"), parts.digest(), parts.module
     )
@@ -88,13 +88,14 @@ class _Parts:
 
     def __init__(
         self,
-        elements: Elements,
         problem: Problem,
+        starts: list[int],
         scheme: Scheme,
         tables: ProblemTables,
         elimination: Written | None,
     ) -> None:
-        self.elements, self.elimination = elements, elimination
+        self.function: Any = problem.function
+        self.starts, self.elimination = starts, elimination
         self.compensated = scheme.compensated
         self.dtype = np.dtype(scheme.dtype)
         step, n, m = scheme.tables, problem.n, problem.m
@@ -124,9 +125,9 @@ class _Parts:
         solving = self.elimination.digest() if self.elimination else ""
         found = sha256(
             f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.compensated} "
-            f"{solving} {self.shapes} {self.elements.starts.tolist()} ".encode()
+            f"{solving} {self.shapes} {self.starts} ".encode()
         )
-        for function in (self.elements.accumulate, kernel.assemble_residual):
+        for function in (self.function, kernel.assemble_residual):
             found.update(machine_code.source(function.py_func.__code__.co_filename))
         found.update(machine_code.source(__file__))
         for array in self.constants.values():
@@ -135,9 +136,9 @@ class _Parts:
 
     def module(self) -> Any:
         """The optimised module."""
-        accumulate, module = self._linked(self.elements.accumulate, ("", "", *_EVALUATED), None)
+        evaluate, module = self._linked(self.function, _EVALUATED, None)
         assemble, module = self._linked(kernel.assemble_residual, _ASSEMBLED, module)
-        names = [accumulate, assemble]
+        names = [evaluate, assemble]
         if self.compensated:
             increase, module = self._linked(kernel.increase_phi, _INCREASED, module)
             names.append(increase)
@@ -183,9 +184,7 @@ class _Parts:
         return name, module
 
     def _type(self, name: str) -> Any:
-        """Type of an argument, as numba knows it; of a row where it has no name."""
-        if not name:
-            return types.int64
+        """Type of an argument, as numba knows it."""
         constant = name in self.constants
         scalar: Any = from_dtype(self.constants[name].dtype if constant else self.dtype)
         if name == "t":
@@ -195,16 +194,16 @@ class _Parts:
     def _text(self, names: Sequence[str]) -> str:
         """Both functions, in the language of LLVM."""
         number = {4: "float", 8: "double"}[self.dtype.itemsize]
-        accumulate, assemble = names[:2]
         room = ["%result = alloca ptr", "%exception = alloca ptr"]
-        evaluated = [
-            f"call void @llvm.memset.p0.i64(ptr %force, i8 0, i64 "
-            f"{self.dtype.itemsize * self.shapes['force'][0]}, i1 false)"
-        ]
-        starts = self.elements.starts.tolist()
-        for first, last in zip(starts, [*starts[1:], self.constants["ints"].size], strict=True):
-            rows = [f"i64 {first}", f"i64 {last}"]
-            evaluated.append(self._call(accumulate, _EVALUATED, number, rows))
+        # Each element is a table of its own.  The force begins at zero with the first: that of
+        # the others has no entries that could be set.
+        evaluated: list[str] = []
+        for first, last in pairwise([*self.starts, self.constants["ints"].size]):
+            row = f"getelementptr (i64, ptr @ints, i64 {first})"
+            parts = {"ints": self._array("ints", (1, last - first), row)}
+            if evaluated:
+                parts["force"] = self._array("force", (0,))
+            evaluated.append(self._call(names[0], _EVALUATED, number, parts))
         corrected = [
             f"%x = getelementptr {number}, ptr %sources, i64 0",
             f"%y = getelementptr {number}, ptr %sources, i64 {self.shapes['x'][0]}",
@@ -213,7 +212,7 @@ class _Parts:
         ]
         if self.compensated:
             corrected.append(self._call(names[2], _INCREASED, number))
-        corrected.append(self._call(assemble, _ASSEMBLED, number))
+        corrected.append(self._call(names[1], _ASSEMBLED, number))
         if self.elimination:
             given = ", ".join(f"ptr %{name}" for name in _SOLVED)
             corrected += [
@@ -222,13 +221,11 @@ class _Parts:
             ]
         else:
             corrected.append(f"ret i64 {UNSOLVED}")
-        functions = ("accumulate", _EVALUATED, 2), ("assemble", _ASSEMBLED, 0)
         declared = [
-            f"declare i32 @{name}({', '.join(self._kinds(given, rows))})"
-            for name, (_, given, rows) in zip(names, functions, strict=False)
+            f"declare i32 @{name}({', '.join(self._kinds(given))})"
+            for name, given in zip(names, (_EVALUATED, _ASSEMBLED, _INCREASED), strict=False)
+            if name != generated.NAME
         ]
-        if self.compensated:
-            declared.append(f"declare i32 @{names[2]}({', '.join(self._kinds(_INCREASED, 0))})")
         if self.elimination:
             declared.append(f"declare i64 @{generated.NAME}({', '.join(['ptr'] * len(_SOLVED))})")
 
@@ -237,7 +234,6 @@ class _Parts:
             return [f"define {kind} @{name}({number} %t, {pointers}) {{", *room, *body, "}"]
 
         lines = [
-            "declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)",
             *declared,
             *(self._constant(name) for name in self.constants),
             *function("void", "evaluate", _EVALUATE, [*evaluated, "ret void"]),
@@ -246,30 +242,34 @@ class _Parts:
         return "\n".join([*lines, ""])
 
     def _call(
-        self, function: str, given: Sequence[str], number: str, rows: Sequence[str] = ()
+        self, function: str, given: Sequence[str], number: str, parts: Mapping[str, str] = {}
     ) -> str:
-        arguments = [f"{number} %t" if name == "t" else self._array(name) for name in given]
-        both = ", ".join(["ptr %result", "ptr %exception", *rows, *arguments])
+        arguments = [
+            f"{number} %t" if name == "t" else parts.get(name, self._array(name)) for name in given
+        ]
+        both = ", ".join(["ptr %result", "ptr %exception", *arguments])
         return f"call i32 @{function}({both}) alwaysinline"
 
-    def _kinds(self, given: Sequence[str], rows: int) -> list[str]:
+    def _kinds(self, given: Sequence[str]) -> list[str]:
         """Types of arguments: for what is returned and for an exception come first."""
         number = {4: "float", 8: "double"}[self.dtype.itemsize]
-        found = ["ptr", "ptr", *["i64"] * rows]
+        found = ["ptr", "ptr"]
         for name in given:
             array = [] if name == "t" else self._array(name).split(", ")
             found += [part.split()[0] for part in array] or [number]
         return found
 
-    def _array(self, name: str) -> str:
+    def _array(self, name: str, shape: tuple[int, ...] = (), data: str = "") -> str:
         """An array as numba hands it on: two owners, size, of an item too, data, shape, strides."""
-        shape, constant = self.shapes[name], name in self.constants
+        shape, constant = shape or self.shapes[name], name in self.constants
         item = (self.constants[name].dtype if constant else self.dtype).itemsize
         strides = [item * int(np.prod(shape[k + 1 :])) for k in range(len(shape))]
         numbers = [f"i64 {number}" for number in (*shape, *strides)]
-        data = f"ptr {'@' if constant else '%'}{name}"
+        data = data or f"{'@' if constant else '%'}{name}"
         size = int(np.prod(shape))
-        return ", ".join(["ptr null", "ptr null", f"i64 {size}", f"i64 {item}", data, *numbers])
+        return ", ".join(
+            ["ptr null", "ptr null", f"i64 {size}", f"i64 {item}", f"ptr {data}", *numbers]
+        )
 
     def _constant(self, name: str) -> str:
         entries = self.constants[name].ravel().tolist()
