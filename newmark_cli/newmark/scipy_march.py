@@ -120,7 +120,7 @@ class _Index3:
         if not begun and self.schemes.is_across(step):
             _solved(self._carrying.to, step, self.state)
             begun = True
-        before, now = self.schemes.grid.kinds(range(step - 1, step + 1))
+        before, now = self.schemes.grid.kinds(np.arange(step - 1, step + 1))
         if now == before and not begun:
             return
         self.scheme = scheme = self.schemes.at(step)
