@@ -56,7 +56,7 @@ def test_output_that_nobody_reads_ends_a_command_silently(cli, command):
     assert run.returncode == 141
 
 
-@each("closed", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@each("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_closed_streams_change_nothing(cli, committed_folder, closed):
     """What cannot be printed is not; files that are written do not take the streams' places."""
     done = shell(cli.folder, f"orders --form nothing {closed}")
