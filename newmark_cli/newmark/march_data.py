@@ -156,7 +156,8 @@ class Record(NamedTuple):
 
     def keep(self, state: "State", step: int) -> None:
         """Record the state after a step, if it is one of these."""
-        for k in np.flatnonzero(self.steps == step):
+        k = int(np.searchsorted(self.steps, step))
+        if k < len(self.steps) and self.steps[k] == step:
             self.fields[k], self.multipliers[k] = state.fields, state.multipliers
 
 
