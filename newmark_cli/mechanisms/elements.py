@@ -70,8 +70,8 @@ _inline, _once = (
     LOAD, LINK, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT,
     FOLLOWER, HINGE,
 ) = range(14)  # fmt: skip
-#: Kinds that are a constraint, one row each.
-CONSTRAINTS = (LINK, SQUARE, PRODUCT, ANGLE, COUPLE)
+#: Kinds that are a constraint, one row each; and those without angles.
+CONSTRAINTS, QUADRATIC = (LINK, SQUARE, PRODUCT, ANGLE, COUPLE), (LINK, SQUARE, PRODUCT)
 
 #: Columns of a header: entries of the element in ``ints``, where its numbers begin in ``reals``,
 #: its parameters and weights, its row, the first entries in the values of X, Y and G, the
@@ -122,50 +122,31 @@ def _spread(values, g, reals, weight, components, turned, x, y, z):
 
 
 @_part
-def _gradient(vector, whole, cosine, sine, ints, reals, e, values):
+def _gradient(vector, whole, ints, reals, e, values):
     """Row e at a vector: its products, and its columns of G as values at their places.
 
     Args:
         vector: (n,).
         whole: 1; 0 without what is constant or linear in it.
-        cosine, sine: Of the angle; the first combination is cosine Q − sine P of `ANGLE`, `COUPLE`.
         ints, reals: Element tables, see the module.
-        e: Where the row begins.
+        e: Where the row begins; not of `ANGLE` and `COUPLE`.
         values: Entries of G, of which those of the row are overwritten.
     """
     kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
-    first, second, single = ints[0, e + FIRST], ints[0, e + SECOND], ints[0, e + SINGLE]
+    first, second, at = ints[0, e + FIRST], ints[0, e + SECOND], e + PLACES
     r, weight, g = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + G_START]
-    angular = kind in (ANGLE, COUPLE)
-    stride = 1 + (turned != 0 or angular)
-    w = weight + stride * first
+    w = weight + (1 + turned) * first
     product = vector.dtype.type(0)
     if components > 0:
-        if angular:
-            dx, dy, dz = product, product, product
-            for k in range(first):
-                i = ints[0, e + PLACES + k]
-                a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
-                dx += a * vector[i]
-                dy += a * vector[i + 1]
-                dz += a * vector[i + 2]
-            p = r + 2 * components
-            dx += whole * (cosine * reals[0, r] - sine * reals[0, p])
-            dy += whole * (cosine * reals[0, r + 1] - sine * reals[0, p + 1])
-            if components == 3:
-                dz += whole * (cosine * reals[0, r + 2] - sine * reals[0, p + 2])
-        else:
-            dx, dy, dz = _sum(vector, ints, reals, e + PLACES, weight, first, components, turned)
-            dx += whole * reals[0, r]
-            dy += whole * reals[0, r + 1]
-            if components == 3:
-                dz += whole * reals[0, r + 2]
+        dx, dy, dz = _sum(vector, ints, reals, at, weight, first, components, turned)
+        dx += whole * reals[0, r]
+        dy += whole * reals[0, r + 1]
+        if components == 3:
+            dz += whole * reals[0, r + 2]
         if kind in (LINK, SQUARE):
             ex, ey, ez = dx, dy, dz
         else:
-            ex, ey, ez = _sum(
-                vector, ints, reals, e + PLACES + first, w, second, components, turned
-            )
+            ex, ey, ez = _sum(vector, ints, reals, at + first, w, second, components, turned)
             ex += whole * reals[0, r + components]
             ey += whole * reals[0, r + components + 1]
             if components == 3:
@@ -174,21 +155,51 @@ def _gradient(vector, whole, cosine, sine, ints, reals, e, values):
         if components == 3:
             product += dz * ez
         for k in range(first):
-            if angular:
-                a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
-                values[g], values[g + 1], values[g + 2] = a * ex, a * ey, a * ez
-            else:
-                _spread(values, g, reals, weight + stride * k, components, turned, ex, ey, ez)
+            _spread(values, g, reals, weight + (1 + turned) * k, components, turned, ex, ey, ez)
             g += components
         for k in range(second):
             _spread(values, g, reals, w + (1 + turned) * k, components, turned, dx, dy, dz)
             g += components
-    w += (1 + turned) * second
     if kind == PRODUCT:
-        for k in range(single):
-            i, a = ints[0, e + PLACES + first + second + k], whole * reals[0, w + k]
+        w += (1 + turned) * second
+        for k in range(ints[0, e + SINGLE]):
+            i, a = ints[0, at + first + second + k], whole * reals[0, w + k]
             product += a * vector[i]
             values[g + k] = a
+    return product
+
+
+@_part
+def _angular_gradient(vector, whole, cosine, sine, ints, reals, e, values, g):
+    """The same of `ANGLE` and `COUPLE`, with cosine Q − sine P; values from a place g on."""
+    components, first = ints[0, e + COMPONENTS], ints[0, e + FIRST]
+    second, turned = ints[0, e + SECOND], ints[0, e + TURNED]
+    r, weight = ints[0, e + REALS], ints[0, e + WEIGHTS]
+    p, w = r + 2 * components, weight + 2 * first
+    dx, dy, dz = vector.dtype.type(0), vector.dtype.type(0), vector.dtype.type(0)
+    for k in range(first):
+        i = ints[0, e + PLACES + k]
+        a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
+        dx += a * vector[i]
+        dy += a * vector[i + 1]
+        dz += a * vector[i + 2]
+    dx += whole * (cosine * reals[0, r] - sine * reals[0, p])
+    dy += whole * (cosine * reals[0, r + 1] - sine * reals[0, p + 1])
+    ex, ey, ez = _sum(vector, ints, reals, e + PLACES + first, w, second, components, turned)
+    ex += whole * reals[0, r + components]
+    ey += whole * reals[0, r + components + 1]
+    product = dx * ex + dy * ey
+    if components == 3:
+        dz += whole * (cosine * reals[0, r + 2] - sine * reals[0, p + 2])
+        ez += whole * reals[0, r + 5]
+        product += dz * ez
+    for k in range(first):
+        a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
+        values[g], values[g + 1], values[g + 2] = a * ex, a * ey, a * ez
+        g += components
+    for k in range(second):
+        _spread(values, g, reals, w + (1 + turned) * k, components, turned, dx, dy, dz)
+        g += components
     return product
 
 
@@ -211,7 +222,7 @@ def _blocks(x_values, x, reals, weight, other, turned, components, multiplier):
     return x
 
 
-@_inline
+@_once
 def _line(u, ints, reals, e):
     """L of an element, and L·L."""
     components, r = ints[0, e + COMPONENTS], ints[0, e + REALS]
@@ -229,61 +240,63 @@ def _line(u, ints, reals, e):
 
 
 @_inline
-def _square(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
-    """Φ = ½ (L·L − c)."""
-    components, turned, first = ints[0, e + COMPONENTS], ints[0, e + TURNED], ints[0, e + FIRST]
-    weight, row, at = ints[0, e + WEIGHTS], ints[0, e + ROW], e + PLACES
-    x, g, multiplier = ints[0, e + X_START], ints[0, e + G_START], multipliers[row]
-    dx, dy, dz, square = _line(u, ints, reals, e)
-    phi[row] = u.dtype.type(0.5) * (square - reals[0, ints[0, e + PARAMETERS]])
-    for k in range(first):
-        i, w = ints[0, at + k], weight + (1 + turned) * k
-        _spread(g_values, g, reals, w, components, turned, dx, dy, dz)
-        for c in range(components):
-            force[i + c] += multiplier * g_values[g + c]
-        g += components
-        for j in range(first):
-            other = weight + (1 + turned) * j
-            x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
-
-
-@_inline
-def _product(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
-    """Φ = L·K + b·u − law(t), or the row of a driven angle."""
-    kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
-    first, second, row, at = ints[0, e + FIRST], ints[0, e + SECOND], ints[0, e + ROW], e + PLACES
-    x, g, weight = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + WEIGHTS]
-    real, multiplier = u.dtype.type, multipliers[row]
-    law, cosine, sine = real(0), real(1), real(0)
+def _row(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+    """Φ = ½ (L·L − c), or L·K + b·u − law(t)."""
+    components, turned = ints[0, e + COMPONENTS], ints[0, e + TURNED]
+    first, second, at = ints[0, e + FIRST], ints[0, e + SECOND], e + PLACES
+    x, weight, row = ints[0, e + X_START], ints[0, e + WEIGHTS], ints[0, e + ROW]
+    law, multiplier = u.dtype.type(0), multipliers[row]
     if ints[0, e + GIVEN] == LAW:
-        law = _law(t, reals, ints[0, e + PARAMETERS], 0)
+        law, _, _ = _law(t, reals, ints[0, e + PARAMETERS])
     elif ints[0, e + GIVEN] > 0:
         law = reals[0, ints[0, e + PARAMETERS]]
-    if kind == ANGLE:
-        sine, cosine = sine_cosine(law, real)
-        law = real(0)
-    phi[row] = _gradient(u, real(1), cosine, sine, ints, reals, e, g_values) - law
-    for k in range(first + second):
-        i = ints[0, at + k]
+    product = _gradient(u, u.dtype.type(1), ints, reals, e, g_values)
+    g = _push(multiplier, ints, e, force, g_values)
+    is_square = ints[0, e + KIND] == SQUARE
+    phi[row] = u.dtype.type(0.5) * (product - law) if is_square else product - law
+    for k in range(ints[0, e + SINGLE]):
+        force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
+    others, skipped = (first, 0) if is_square else (second, first)
+    for k in range(first):
+        w = weight + (1 + turned) * k
+        for j in range(others):
+            other = weight + (1 + turned) * (skipped + j)
+            x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
+            if not is_square:
+                x = _blocks(x_values, x, reals, other, w, turned, components, multiplier)
+
+
+@_once
+def _push(multiplier, ints, e, force, g_values):
+    """Add λ times the columns of G of the vectors of a row; where those of coordinates begin."""
+    components, g = ints[0, e + COMPONENTS], ints[0, e + G_START]
+    for k in range(ints[0, e + FIRST] + ints[0, e + SECOND]):
+        i = ints[0, e + PLACES + k]
         for c in range(components):
             force[i + c] += multiplier * g_values[g + c]
         g += components
-    for k in range(ints[0, e + SINGLE]):
-        force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
-    stride = 1 + (turned != 0 or kind == ANGLE)
+    return g
+
+
+@_part
+def _driven(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+    """The row of a driven angle."""
+    components, first, row = ints[0, e + COMPONENTS], ints[0, e + FIRST], ints[0, e + ROW]
+    x, g, weight = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + WEIGHTS]
+    stride = 1 + ints[0, e + TURNED]
+    real, multiplier = u.dtype.type, multipliers[row]
+    angle, _, _ = _law(t, reals, ints[0, e + PARAMETERS])
+    sine, cosine = sine_cosine(angle, real)
+    phi[row] = _angular_gradient(u, real(1), cosine, sine, ints, reals, e, g_values, g)
+    _push(multiplier, ints, e, force, g_values)
     for k in range(first):
-        w = weight + stride * k
-        for j in range(second):
-            other = weight + stride * first + (1 + turned) * j
-            if kind == ANGLE:
-                turning = cosine * reals[0, w] - sine * reals[0, w + 1]
-                tangent = -multiplier * turning * reals[0, other]
-                for c in range(2 * components):
-                    x_values[x + c] = tangent
-                x += 2 * components
-            else:
-                x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
-                x = _blocks(x_values, x, reals, other, w, turned, components, multiplier)
+        w = weight + 2 * k
+        turning = cosine * reals[0, w] - sine * reals[0, w + 1]
+        for j in range(ints[0, e + SECOND]):
+            tangent = -multiplier * turning * reals[0, weight + 2 * first + stride * j]
+            for c in range(2 * components):
+                x_values[x + c] = tangent
+            x += 2 * components
 
 
 @_once
@@ -439,22 +452,21 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         if kind == LOAD:
             for c in range(ints[0, begin + COMPONENTS]):
                 force[ints[0, at] + c] += reals[0, parameter + c]
-        elif kind == SQUARE:
-            _square(u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
-        elif kind in (PRODUCT, ANGLE):
-            _product(t, u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
+        elif kind in (SQUARE, PRODUCT):
+            _row(t, u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
+        elif kind == ANGLE:
+            _driven(t, u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
         elif kind in (SPRING, DAMPER, TORQUE):
             _line_force(u, v, ints, reals, begin, force, x_values, y_values)
 
 
 @_part
-def _along(vector, ints, reals, e, values):
-    """Gᵀ times a vector (n,), of the row at e, without its single coordinates."""
-    total, g, components = vector.dtype.type(0), ints[0, e + G_START], ints[0, e + COMPONENTS]
-    for k in range(ints[0, e + FIRST] + ints[0, e + SECOND]):
-        for c in range(components):
-            total += values[g + c] * vector[ints[0, e + PLACES + k] + c]
-        g += components
+def _along(vector, ints, reals, e, columns):
+    """The columns (k,) of G of the vectors of the row at e, times a vector (n,)."""
+    total, components = vector.dtype.type(0), ints[0, e + COMPONENTS]
+    for k in range(columns.shape[0]):
+        place = ints[0, e + PLACES + k // components]
+        total += columns[k] * vector[place + k % components]
     return total
 
 
@@ -466,12 +478,11 @@ def _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
     place, row = ints[0, e + PLACES + ints[0, e + SECOND]], ints[0, e + ROW]
     multiplier = multipliers[row]
     sine, cosine = sine_cosine(u[place], u.dtype.type)
-    turned = _gradient(u, one, -sine, cosine, ints, reals, e, g_values)
+    turned = _angular_gradient(u, one, -sine, cosine, ints, reals, e, g_values, g)
     for k in range(entries):  # in row and column of the angle
         x_values[x + 2 * k] = x_values[x + 2 * k + 1] = -multiplier * g_values[g + k]
-    phi[row] = _gradient(u, one, cosine, sine, ints, reals, e, g_values)
-    for k in range(entries):
-        force[ints[0, e + PLACES + k // 2] + k % 2] += multiplier * g_values[g + k]
+    phi[row] = _angular_gradient(u, one, cosine, sine, ints, reals, e, g_values, g)
+    _push(multiplier, ints, e, force, g_values)
     g_values[g + entries] = turned
     force[place] += multiplier * turned
     x_values[x + 2 * entries] = multiplier * phi[row]
@@ -627,7 +638,7 @@ def _accumulate_further(
             _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values)
         elif kind == FORCE:
             p, w = ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
-            law = _law(t, reals, p + 2, 0)
+            law, _, _ = _law(t, reals, p + 2)
             fx, fy = reals[0, p] * law, reals[0, p + 1] * law
             for k in range(ints[0, e + FIRST]):
                 i, a, b = ints[0, e + PLACES + k], reals[0, w + 2 * k], reals[0, w + 2 * k + 1]
@@ -656,44 +667,13 @@ def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_va
     evaluate_all(now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values)
 
 
-@_part_allocating
-def _turn(
-    u, v, w, sine, cosine, turn, faster, ints, reals, e, rate, curvature, rates, accelerations
-):
-    """Add what the angle of N = cos θ Q − sin θ P contributes, by N' and N''."""
-    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
-    row, g = ints[0, e + ROW], ints[0, e + G_START]
-    end = g + ints[0, e + COMPONENTS] * (ints[0, e + FIRST] + ints[0, e + SECOND])
-    # N' and N'' at u, N' at v.
-    columns, by_angle, again, turned = np.empty((3, end), u.dtype), zero, zero, zero
-    for k in range(3):
-        vector, whole = (v, zero) if k == 2 else (u, one)
-        c, s = (-cosine, -sine) if k == 1 else (-sine, cosine)
-        product = _gradient(vector, whole, c, s, ints, reals, e, columns[k])
-        by_angle, again, turned = again, turned, product
-    mixed, bent = _along(v, ints, reals, e, columns[0]), _along(v, ints, reals, e, columns[1])
-    for i in range(g, end):
-        rates[i] += turn * columns[0, i]
-        accelerations[i] += faster * columns[0, i] + turn * turn * columns[1, i]
-        accelerations[i] += two * turn * columns[2, i]
-    curvature[row] += two * turn * mixed
-    curvature[row] += turn * turn * again
-    if ints[0, e + KIND] == ANGLE:
-        rate[row] = turn * by_angle
-        curvature[row] += faster * by_angle
-    else:  # the angle is a coordinate, with a column of its own
-        rates[end] = mixed + turn * again
-        pushed = _along(w, ints, reals, e, columns[0])
-        accelerations[end] = (
-            pushed + faster * again + two * turned + two * turn * bent - turn * turn * by_angle
-        )
-
-
-@_compile_allocating
+@_compile
 def constraint_derivatives(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
     """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ u'', and the tangents of both to u.
+
+    Not of `ANGLE` and `COUPLE`.
 
     Args:
         t: Time (s).
@@ -705,38 +685,82 @@ def constraint_derivatives(
             the places of those of G.
         acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
     """
-    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
-    e = np.int64(0)
+    zero, two, e = u.dtype.type(0), u.dtype.type(2), np.int64(0)
     while e < ints.shape[1]:
         kind, row, begin = ints[0, e + KIND], ints[0, e + ROW], e
         e += ints[0, e + SIZE]
-        if kind not in CONSTRAINTS:
-            continue
-        law, turn, faster = zero, zero, zero  # and rates, of an angle or what is given
-        if kind == COUPLE:
-            place = ints[0, begin + PLACES + ints[0, begin + SECOND]]
-            law, turn, faster = u[place], v[place], w[place]
-        elif ints[0, begin + GIVEN] == LAW:
-            for k in range(0 if kind == ANGLE else 1, 3):
-                law, turn, faster = turn, faster, _law(t, reals, ints[0, begin + PARAMETERS], k)
-        sine, cosine = zero, one
-        if kind in (ANGLE, COUPLE):
-            sine, cosine = sine_cosine(law, u.dtype.type)
-        # Quadratic: Φ'' and the tangents are Φ and G of v and w.
-        product = zero
-        for k in range(2):
-            vector, values = (w, acceleration_values) if k == 0 else (v, rate_values)
-            product = _gradient(vector, zero, cosine, sine, ints, reals, begin, values)
-        curvature[row] = product if kind in (LINK, SQUARE) else two * product
+        if kind in QUADRATIC:
+            # Φ'' and the tangents are Φ and G of v and w.
+            product = zero
+            for k in range(2):
+                vector, values = (w, acceleration_values) if k == 0 else (v, rate_values)
+                product = _gradient(vector, zero, ints, reals, begin, values)
+            rate[row], curvature[row] = zero, product if kind != PRODUCT else two * product
+            if ints[0, begin + GIVEN] == LAW:
+                _, turn, faster = _law(t, reals, ints[0, begin + PARAMETERS])
+                rate[row] = -turn
+                curvature[row] -= faster
+
+
+@_part_allocating
+def _turn(u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rates, accelerations):
+    """A row of an angle with its rates: N = cos θ Q − sin θ P, N' and N''."""
+    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
+    row, g = ints[0, e + ROW], ints[0, e + G_START]
+    size = ints[0, e + COMPONENTS] * (ints[0, e + FIRST] + ints[0, e + SECOND])
+    sine, cosine = sine_cosine(angle, u.dtype.type)
+    # N at w and v, N' and N'' at u, N' at v.
+    columns, products = np.empty((5, size), u.dtype), np.empty(5, u.dtype)
+    vectors, wholes = (w, v, u, u, v), (zero, zero, one, one, zero)
+    cosines, sines = (cosine, cosine, -sine, -cosine, -sine), (sine, sine, cosine, -sine, cosine)
+    for k in range(5):
+        products[k] = _angular_gradient(
+            vectors[k], wholes[k], cosines[k], sines[k], ints, reals, e, columns[k], np.int64(0)
+        )
+    by_angle, again, turned = products[2], products[3], products[4]
+    mixed, bent = _along(v, ints, reals, e, columns[2]), _along(v, ints, reals, e, columns[3])
+    for i in range(size):
+        rates[g + i] = columns[1, i] + turn * columns[2, i]
+        accelerations[g + i] = columns[0, i] + (
+            faster * columns[2, i] + turn * turn * columns[3, i]
+        )
+        accelerations[g + i] += two * turn * columns[4, i]
+    curvature[row] = two * products[1] + two * turn * mixed
+    curvature[row] += turn * turn * again
+    if ints[0, e + KIND] == ANGLE:
+        rate[row] = turn * by_angle
+        curvature[row] += faster * by_angle
+    else:  # the angle is a coordinate, with a column of its own
         rate[row] = zero
-        if kind in (ANGLE, COUPLE):
+        rates[g + size] = mixed + turn * again
+        pushed = _along(w, ints, reals, e, columns[2])
+        accelerations[g + size] = (
+            pushed + faster * again + two * turned + two * turn * bent - turn * turn * by_angle
+        )
+
+
+@_compile_allocating
+def all_constraint_derivatives(
+    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+):
+    """The same of all kinds of elements."""
+    constraint_derivatives(
+        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
+    )
+    e = np.int64(0)
+    while e < ints.shape[1]:
+        angle, turn, faster = u.dtype.type(0), u.dtype.type(0), u.dtype.type(0)
+        if ints[0, e + KIND] == COUPLE:
+            place = ints[0, e + PLACES + ints[0, e + SECOND]]
+            angle, turn, faster = u[place], v[place], w[place]
+        elif ints[0, e + KIND] == ANGLE:
+            angle, turn, faster = _law(t, reals, ints[0, e + PARAMETERS])
+        if ints[0, e + KIND] in (ANGLE, COUPLE):
             _turn(
-                u, v, w, sine, cosine, turn, faster, ints, reals, begin, rate, curvature,
-                rate_values, acceleration_values,
+                u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values,
+                acceleration_values,
             )  # fmt: skip
-        elif ints[0, begin + GIVEN] == LAW:
-            rate[row] = -turn
-            curvature[row] -= faster
+        e += ints[0, e + SIZE]
 
 
 @_compile_allocating
@@ -745,7 +769,7 @@ def timed_constraint_derivatives(
 ):
     """The same of a table with laws behind its elements."""
     now, frozen = reals.dtype.type(0), at_time(t, ints, reals)
-    constraint_derivatives(
+    all_constraint_derivatives(
         now, u, v, w, ints, frozen, rate, curvature, rate_values, acceleration_values
     )
 
@@ -779,7 +803,7 @@ def potential(t, u, v, ints, reals):
                 stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
                 energy += reals[0, p] * stretch * stretch / 2
             else:
-                energy -= (reals[0, p] * x + reals[0, p + 1] * y) * _law(t, reals, p + 2, 0)
+                energy -= (reals[0, p] * x + reals[0, p + 1] * y) * _law(t, reals, p + 2)[0]
         elif kind == TWIST:
             wound = -reals[0, p]
             for k in range(ints[0, e + SINGLE]):

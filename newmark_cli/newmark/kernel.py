@@ -1114,7 +1114,7 @@ def _march_index_3(
         _copy(multipliers, before_step)
         if schedule.from_zero != 0:
             _clear(multipliers)
-        previous, first, solves = np.inf, 0.0, 0
+        previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `_look` twice
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
             ending = UNSOLVED
@@ -1221,7 +1221,7 @@ def _march_formulated(
         _take_increments(iterate, state)
         if schedule.from_zero != 0:
             _clear(multipliers)
-        solves, settled, first = 0, 0, 0.0
+        solves, settled, first = np.int64(0), 0, 0.0
         while solves < schedule.cap:
             if extra.penalty[0] == 0 or solves == 0:
                 _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
