@@ -32,8 +32,8 @@ def block_factors(sizes: Array) -> tuple[Array, Array]:
     size = len(sizes)
     system = np.zeros((len(rows), 2 * size))
     system[np.arange(len(rows)), rows] = system[np.arange(len(rows)), size + columns] = 1
-    found = np.exp2(np.linalg.lstsq(system, -np.log2(sizes[rows, columns]), rcond=None)[0])
-    return found[:size], found[size:]
+    factors = np.exp2(np.linalg.lstsq(system, -np.log2(sizes[rows, columns]), rcond=None)[0])
+    return factors[:size], factors[size:]
 
 
 def block_sizes(matrix: Array, counts: Sequence[int]) -> Array:
@@ -67,8 +67,8 @@ def equilibrium(matrix: Array, counts: Sequence[int]) -> tuple[Array, Array]:
         ),
         (count, 2 * total),
     )
-    found = lsqr(sums, -even[places], atol=1e-6, btol=1e-6)[0]
-    rows, columns = rows + found[:total], columns + found[total:]
+    exponents = lsqr(sums, -even[places], atol=1e-6, btol=1e-6)[0]
+    rows, columns = rows + exponents[:total], columns + exponents[total:]
     for _ in range(_MOST_SWEEPS):
         even = rows[:, None] + size + columns[None, :]
         in_rows, in_columns = even.max(axis=1), even.max(axis=0)

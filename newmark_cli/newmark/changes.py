@@ -137,15 +137,15 @@ class Model:
         exact = np.eye(_TERMS)
         known = [0] if self.prescribed == POSITION and not self.projected else [0, 1]
         free = [row for row in range(size) if row not in known]
-        found = np.zeros((size, _TERMS))
-        found[known] = exact[known]
+        steady = np.zeros((size, _TERMS))
+        steady[known] = exact[known]
         own = np.eye(len(free)) - matrix[np.ix_(free, free)]
         for term in range(_TERMS):
             # Terms of lower derivatives of a step before, and of this one.
-            before = found @ np.where(np.arange(_TERMS) == term, shift[:, [term]], 0.0)
-            given = np.concatenate([before, [exact[1] @ shift], exact[:3]])[:, term]
-            found[free, term] = np.linalg.solve(own, matrix[free] @ given)
-        return found
+            before = steady @ np.where(np.arange(_TERMS) == term, shift[:, [term]], 0.0)
+            inputs = np.concatenate([before, [exact[1] @ shift], exact[:3]])[:, term]
+            steady[free, term] = np.linalg.solve(own, matrix[free] @ inputs)
+        return steady
 
     @property
     def decay(self) -> float:
@@ -175,15 +175,15 @@ class Model:
         shifts = np.array([_shift(size) for size in kinds[:, 0].tolist()])
         exact = np.eye(_TERMS)
         state = np.broadcast_to(self._steady, (*sizes.shape[:-1], *self._steady.shape))
-        found = np.empty((*sizes.shape, 4, _TERMS))
+        fields = np.empty((*sizes.shape, 4, _TERMS))
         there = np.broadcast_to(exact[:3], (*sizes.shape[:-1], 3, _TERMS))
         with np.errstate(all="ignore"):
             for k in range(count):
                 shift, kind = shifts[which[..., k]], which[..., k]
                 rows = [state @ shift, (exact[1] @ shift)[..., None, :], there]
                 new = matrices[kind] @ np.concatenate(rows, axis=-2)
-                state, found[..., k, :, :] = new[..., :-4, :], new[..., -4:, :]
-        off = (found - exact[[0, 1, 2, 2]])[..., 2:]
+                state, fields[..., k, :, :] = new[..., :-4, :], new[..., -4:, :]
+        off = (fields - exact[[0, 1, 2, 2]])[..., 2:]
         return Errors(*np.moveaxis(off, -2, 0))
 
 
@@ -273,7 +273,7 @@ def orders(
             if isinstance(sequence, Random)
             else [sequence]
         )
-        sizes = np.array([each.factors(_MANY, 1.0) for each in drawn])
+        sizes = np.array([sample.factors(_MANY, 1.0) for sample in drawn])
         along, ahead = Model(integrator, rule, NOTHING).errors(sizes), model.errors(sizes)
         # Without damping, what random changes leave adds up as a random walk.
         walks = isinstance(sequence, Random) and model.decay >= 1
@@ -303,7 +303,7 @@ def _order(errors: Array, unit: int, powers: float) -> float:
         np.sqrt(np.mean(np.square(errors[:, first : 2 * first]), axis=(0, 1)))
         for first in (_MANY // 8, _MANY // 2)
     )
-    found = math.inf
+    order = math.inf
     for place in range(len(late)):
         if not late[place] <= 1 / _ZERO**2:
             return -math.inf
@@ -313,7 +313,7 @@ def _order(errors: Array, unit: int, powers: float) -> float:
         power = max(powers * round(grown / powers), 0.0)
         if power > _POLYNOMIAL:
             return -math.inf
-        found = min(found, place + unit - power)
+        order = min(order, place + unit - power)
         if power > 0:
             break
-    return found
+    return order

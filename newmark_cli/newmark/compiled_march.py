@@ -48,22 +48,22 @@ class _Numbers(NamedTuple):
 
     def arrays(self, units: int) -> dict[tuple[str, str], Array]:
         """Those that do, by what they are a part of; ``units`` of the work space do."""
-        found = {("", "h"): self.h, ("", "carried"): self.carried}
+        arrays = {("", "h"): self.h, ("", "carried"): self.carried}
         for part, names in _CHANGING.items():
-            if (whole := getattr(self, part)) is not None:
-                found |= {(part, name): getattr(whole, name) for name in names}
-        return {**found, ("static", "work"): self.static.work[:units]}
+            if (tables := getattr(self, part)) is not None:
+                arrays |= {(part, name): getattr(tables, name) for name in names}
+        return {**arrays, ("static", "work"): self.static.work[:units]}
 
     def among(self, numbers: Array, units: int) -> "_Numbers":
         """The same with these arrays as parts of one, which ends with the work space."""
-        found, begin, made = self.arrays(units), 0, dict[str, dict[str, Any]]()
-        for (part, name), array in found.items():
+        arrays, begin, groups = self.arrays(units), 0, dict[str, dict[str, Any]]()
+        for (part, name), array in arrays.items():
             size = None if name == "work" else begin + array.size
             shape = -1 if name == "work" else array.shape
-            made.setdefault(part, {})[name] = numbers[begin:size].reshape(shape)
+            groups.setdefault(part, {})[name] = numbers[begin:size].reshape(shape)
             begin += array.size
-        own = made.pop("")
-        parts: Any = {part: getattr(self, part)._replace(**arrays) for part, arrays in made.items()}
+        own = groups.pop("")
+        parts: Any = {part: getattr(self, part)._replace(**group) for part, group in groups.items()}
         return self._replace(**own, **parts)
 
 
@@ -127,11 +127,11 @@ class Engine:
         if self._constraining is None and not by_residual:
             written = static is not None and static.elimination.written_out
             elimination = Written(self._numbers.static) if written else None
-            found = specialised(problem, scheme, tables, elimination)
+            evaluation = specialised(problem, scheme, tables, elimination)
         else:
-            found = unspecialised(problem)
-        self._function, self._code = found.function, found.code
-        self._tables = tables._replace(ints=found.ints)
+            evaluation = unspecialised(problem)
+        self._function, self._code = evaluation.function, evaluation.code
+        self._tables = tables._replace(ints=evaluation.ints)
         self._carrying = Carrying(problem, schemes)
         self._row_of: dict[int, Array] = {}
         self._memory = np.empty(0, dtype)
@@ -224,8 +224,8 @@ class Engine:
         done = 0
         while True:
             if self.exchanges:
-                found = self.exchanges.at(state, first + done)
-                self._numbers = self._numbers._replace(static=found)
+                static = self.exchanges.at(state, first + done)
+                self._numbers = self._numbers._replace(static=static)
             if self.schemes.is_across(first + done + 1):
                 try:
                     self._carrying.to(first + done + 1, state)
@@ -233,16 +233,16 @@ class Engine:
                     return SINGULAR, done
             rest = slice(done, done + self._at_once(first + done, len(norms) - done))
             counts = Counts(norms[rest], iterations[rest], positions[rest], pivoted[rest])
-            given = self.arguments(state, first + done, counts, record.after(done))
-            ending, taken = kernel.march(*given)  # type: ignore[no-untyped-call]
+            arguments = self.arguments(state, first + done, counts, record.after(done))
+            ending, taken = kernel.march(*arguments)  # type: ignore[no-untyped-call]
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
             done += taken
             if ending == PIVOTING:
                 # Too large for a dense matrix; the past is that of the step already.
-                one, pivoted[done] = slice(done, done + 1), 1
+                step, pivoted[done] = slice(done, done + 1), 1
                 ending, taken = self._by_scipy(
-                    state, first + done, norms[one], iterations[one], record=record.after(done)
+                    state, first + done, norms[step], iterations[step], record=record.after(done)
                 )
                 done += taken
             if ending != COMPLETED or done == len(norms):

@@ -268,8 +268,8 @@ class Constraining:
     def tangents_at(self, t: float, u: Array, v: Array, acceleration: Array) -> Tangents:
         """Tangents at a state, P being that of the state itself."""
         g = self.problem.values(t, u, v, np.zeros(self.problem.m)).g
-        found = self.problem.constraint_rows(t, u, v, acceleration)
-        return Tangents(self.tangents(g, found.r, found.q), self.directions(g))
+        rows = self.problem.constraint_rows(t, u, v, acceleration)
+        return Tangents(self.tangents(g, rows.r, rows.q), self.directions(g))
 
     def tables(self) -> FormulationTables:
         """All of it as the numbers that the kernel reads, in the scheme's precision."""

@@ -109,7 +109,7 @@ def floor(
     scaled = dict(zip(scheme.recorded, sizes, strict=True))
     physical = {name: size * float(right.get(name, 1.0)) for name, size in scaled.items()}
     zeros = dict(zip(scheme.recorded, np.mean(drawn == 0, axis=0).tolist(), strict=True))
-    return Floor(*(MappingProxyType(found) for found in (scaled, physical, zeros)))
+    return Floor(*(MappingProxyType(values) for values in (scaled, physical, zeros)))
 
 
 def unpredicted(scheme: Scheme) -> str:
@@ -254,14 +254,14 @@ class _Model:
         last, last_norm = np.full(len(recorded), np.inf), np.inf
         for count in range(1, _MOST_CORRECTIONS + 1):
             scaled = -off / self.right - self.jacobian.solve(self.left * self._roundings(off))
-            found, norm = self._norms(scaled), algebra.norm(scaled)
+            norms, norm = self._norms(scaled), algebra.norm(scaled)
             # The first one is not rounding yet; the second is recorded in any case.
             if count > 2:
-                done |= (found >= last) if own else norm >= last_norm
-            recorded[~done] = found[~done]
+                done |= (norms >= last) if own else norm >= last_norm
+            recorded[~done] = norms[~done]
             if done.all() or not np.any(scaled):
                 break
-            last, last_norm = found, norm
+            last, last_norm = norms, norm
             off = self._nearest(off + self.right * scaled)
         return recorded
 
@@ -289,9 +289,9 @@ class _Model:
                 enough = np.minimum(enough, np.sqrt(np.mean(self.moving[source] ** 2)))
             sizes.append(enough)
         sizes.append(_UNITS_OFF * _unit(self.multipliers, dtype))
-        found = np.concatenate(sizes)
+        amplitudes = np.concatenate(sizes)
         off = np.zeros(self.jacobian.size)
-        off[: len(found)] = found * random.normal(size=len(found))
+        off[: len(amplitudes)] = amplitudes * random.normal(size=len(amplitudes))
         return off
 
     def _norms(self, scaled: Array) -> Array:
@@ -399,8 +399,8 @@ class _Model:
         """Set the entries of R and Q, and what compensated sums have of the step's beginning."""
         problem, t, g = self.problem, self.t, self.entries.g
         u, v, none = self.fields[0], self.fields[1], np.zeros(problem.n)
-        found = problem.constraint_rows(t, u, v, self.acceleration)
-        self._r, self._q = found.r, found.q
+        rows = problem.constraint_rows(t, u, v, self.acceleration)
+        self._r, self._q = rows.r, rows.q
         if self.constraining:
             self._directions = self.constraining.directions(g)
         if self.scheme.compensated:
@@ -512,14 +512,14 @@ class _Model:
             return phi.astype(float)
         first = second = np.zeros_like(phi)
         if constraining.differentiated:
-            found = problem.constraint_rows(self.t, u, v, acceleration, dtype)
+            rows = problem.constraint_rows(self.t, u, v, acceleration, dtype)
             if scheme.compensated:
                 increment = (self.moving[1] + change[1]).astype(dtype)
                 first = self._along(mean, increment)
-                first = first + self._along(half * (self._r_old + found.r), shift)
+                first = first + self._along(half * (self._r_old + rows.r), shift)
             else:
-                first = found.rate + self._along(values.g, v)
-            second = self._along(values.g, acceleration) + found.curvature
+                first = rows.rate + self._along(values.g, v)
+            second = self._along(values.g, acceleration) + rows.curvature
         return constraining.values(phi, first, second).astype(float).ravel()
 
 

@@ -120,23 +120,23 @@ def eliminate(form: Form, relations: Relations) -> Elimination:
         "V": (v, relations.v_from_a, np.concatenate([none, relations.v_past, [0.0]])),
         "K": (u, relations.u_from_a, np.concatenate([none, relations.u_past, [1.0]])),
     }
-    found = np.zeros((3, p + len(relations.v_past) + 1))
-    found[[FIELDS.index(field) for field in form.kept], range(p)] = 1.0
+    fields = np.zeros((3, p + len(relations.v_past) + 1))
+    fields[[FIELDS.index(field) for field in form.kept], range(p)] = 1.0
     gone = {FIELDS.index(field) for field in form.eliminated}
     used = [relation[row] for row in ("V", "K") if row not in form.rows]
     if a in gone:
-        field, from_a, known = next(one for one in used if one[0] not in gone)
-        found[a] = (found[field] - known) / from_a
+        field, from_a, known = next(entry for entry in used if entry[0] not in gone)
+        fields[a] = (fields[field] - known) / from_a
     for field, from_a, known in used:
         if field in gone:
-            found[field] = known + from_a * found[a]
+            fields[field] = known + from_a * fields[a]
     rows = np.array(
         [
-            found[field] - from_a * found[a] - known
+            fields[field] - from_a * fields[a] - known
             for field, from_a, known in (relation[row] for row in form.extra_rows)
         ]
-    ).reshape(-1, found.shape[1])
+    ).reshape(-1, fields.shape[1])
     return Elimination(
-        found[:, :p].copy(), found[:, p:-1].copy(), rows[:, :p].copy(), rows[:, p:-1].copy(),
-        found[:, -1].copy(), rows[:, -1].copy(),
+        fields[:, :p].copy(), fields[:, p:-1].copy(), rows[:, :p].copy(), rows[:, p:-1].copy(),
+        fields[:, -1].copy(), rows[:, -1].copy(),
     )  # fmt: skip

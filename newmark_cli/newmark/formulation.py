@@ -125,10 +125,10 @@ class Formulation:
     @classmethod
     def parse(cls, label: str) -> "Formulation":
         """Read a `label`; a method alone has its default parameter."""
-        method, _, given = label.partition(" ")
-        if not given:
+        method, _, argument = label.partition(" ")
+        if not argument:
             return cls(method)
-        name, _, text = given.partition("=")
+        name, _, text = argument.partition("=")
         try:
             value = float(text)
         except ValueError:
@@ -247,8 +247,8 @@ def is_formulated(formulation: Formulation, projection: Projection) -> bool:
 AUTO = "auto"
 
 
-def reported(given: str, projection: Projection) -> str:
+def reported(multipliers: str, projection: Projection) -> str:
     """One of `REPORTED` from one of them or `AUTO`: recovered after a projection."""
-    if given != AUTO:
-        return given
+    if multipliers != AUTO:
+        return multipliers
     return RECOVERED if projection.level else NEWTON

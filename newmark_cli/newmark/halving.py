@@ -28,14 +28,14 @@ class Halving:
     Args:
         schemes: The scheme of each step of the march.
         engine: What marches them, and ends with MISSED.
-        made: An engine of other steps.
+        make: Makes an engine of other steps.
         smallest: Parts are not smaller (s).
     """
 
     def __init__(
-        self, schemes: Schemes, engine: Engine, made: Callable[[Schemes], Engine], smallest: float
+        self, schemes: Schemes, engine: Engine, make: Callable[[Schemes], Engine], smallest: float
     ) -> None:
-        self._schemes, self._engine, self._made = schemes, engine, made
+        self._schemes, self._engine, self._make = schemes, engine, make
         self._smallest = smallest
         self._parts: dict[tuple[float, ...], tuple[TimeGrid, Engine]] = {}
         #: Step → sizes of the two before it, and in how many parts it is taken: of steps that
@@ -56,8 +56,8 @@ class Halving:
         while done < len(norms):
             step = first + done + 1
             if step in self._known:
-                one = slice(done, done + 1)
-                if not self._in_parts(state, step, norms[one], iterations[one], positions[one]):
+                here = slice(done, done + 1)
+                if not self._in_parts(state, step, norms[here], iterations[here], positions[here]):
                     return MISSED, done
                 record.keep(state, done)
                 done += 1
@@ -99,14 +99,13 @@ class Halving:
         while parts == 1 or size / parts >= self._smallest * (1 - 1e-9):
             grid, engine = self._of(size / parts, parts, behind)
             grid.t0 = self._schemes.grid.t(step - 1)
-            each, computed = np.zeros((parts, norms.shape[1])), np.zeros(parts, np.int64)
+            part_norms, computed = np.zeros((parts, norms.shape[1])), np.zeros(parts, np.int64)
             corrected = np.zeros(parts, np.int64)
-            ending, _ = engine(
-                state, 0, each, computed, record=recording(state, np.empty(0)), positions=corrected
-            )
+            none = recording(state, np.empty(0))
+            ending, _ = engine(state, 0, part_norms, computed, record=none, positions=corrected)
             corrections += int(np.abs(computed).sum())
             if ending == COMPLETED:
-                norms[0], positions[0] = each[-1], corrected.sum()
+                norms[0], positions[0] = part_norms[-1], corrected.sum()
                 iterations[0] = corrections if parts == 1 else -corrections
                 self._known[step] = behind, parts
                 last = size / parts, size / parts if parts > 1 else behind[0]
@@ -124,5 +123,5 @@ class Halving:
             if len(self._parts) >= _MOST_KEPT:
                 self._parts.clear()
             grid = TimeGrid(0.0, size, np.full(parts, size), behind)
-            self._parts[key] = grid, self._made(Schemes(self._schemes.base.at(size, 1.0), grid))
+            self._parts[key] = grid, self._make(Schemes(self._schemes.base.at(size, 1.0), grid))
         return self._parts[key]

@@ -433,19 +433,16 @@ INTEGRATORS: Mapping[str, type[Newmark | GeneralizedAlpha | HHT | BDF1 | BDF2]] 
 
 def is_trapezoidal(integrator: Integrator) -> bool:
     """Whether an integrator is the trapezoidal rule, by whatever name."""
-    rule, found = Newmark().relations(1.0), integrator.relations(1.0)
-    past = found.advance[: len(rule.advance)]
+    rule, relations = Newmark().relations(1.0), integrator.relations(1.0)
+    past = relations.advance[: len(rule.advance)]
     same = all(
-        np.array_equal(given[: len(of_rule)], of_rule) and not np.any(given[len(of_rule) :])
-        for given, of_rule in (
-            (found.v_past, rule.v_past),
-            (found.u_past, rule.u_past),
-        )
+        np.array_equal(of_past[: len(of_rule)], of_rule) and not np.any(of_past[len(of_rule) :])
+        for of_past, of_rule in ((relations.v_past, rule.v_past), (relations.u_past, rule.u_past))
     )
     return bool(
         same
         and np.array_equal(past, rule.advance)
-        and (found.v_from_a, found.u_from_a) == (rule.v_from_a, rule.u_from_a)
+        and (relations.v_from_a, relations.u_from_a) == (rule.v_from_a, rule.u_from_a)
     )
 
 
@@ -455,7 +452,7 @@ def parameters(method: str) -> tuple[str, ...]:
 
 
 #: Letters and words of legends, such as generalized-α (ρ∞ = 0.9), as labels have them.
-_SPELLED = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", " = ": "=", "(": "", ")": "",
+_IN_LABELS = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", " = ": "=", "(": "", ")": "",
             ",": ""}  # fmt: skip
 
 
@@ -465,7 +462,7 @@ def plain_label(text: str) -> str:
         return Newmark().label
     method, *rest = re.split(r" (?=\()", text, maxsplit=1)
     plain = " ".join([method.casefold(), *rest])
-    for theirs, ours in _SPELLED.items():
+    for theirs, ours in _IN_LABELS.items():
         plain = plain.replace(theirs, ours)
     return plain if plain.split(" ")[0] in INTEGRATORS else text
 
@@ -476,10 +473,10 @@ def parse(label: str) -> Integrator:
     Raises:
         IntegratorError: If the label is not valid.
     """
-    method, *given = plain_label(label).split(" ")
+    method, *arguments = plain_label(label).split(" ")
     if method not in INTEGRATORS:
         raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
-    pairs = [part.partition("=") for part in given]
+    pairs = [part.partition("=") for part in arguments]
     try:
         values = [float(value) for _, _, value in pairs]
     except ValueError:
@@ -487,5 +484,4 @@ def parse(label: str) -> Integrator:
     if tuple(name for name, _, _ in pairs) != parameters(method):
         names = ", ".join(parameters(method)) or "none"
         raise IntegratorError(f"integrator {label!r}: its parameters are {names}")
-    found: Integrator = INTEGRATORS[method](*values)
-    return found
+    return INTEGRATORS[method](*values)

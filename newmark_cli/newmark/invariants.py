@@ -38,14 +38,14 @@ def invariants(problem: Problem, t: float, state: State) -> dict[str, Misfit]:
     that of `newmark_cli.problems.multipliers`, in view of all of a motion.
     """
     u, v = np.asarray(state.fields[:2], float)
-    found = misfits(problem, t, u, v)
+    by_name = misfits(problem, t, u, v)
     try:
         with np.errstate(all="ignore"):
             _, implied = Index1(problem).accelerations(t, u, v)
     except np.linalg.LinAlgError:
         implied = np.full(problem.m, np.nan)
-    found["multiplier"] = Misfit(state.multipliers - implied, np.abs(implied))
-    return {name: found[name] for name in INVARIANTS if name in found}
+    by_name["multiplier"] = Misfit(state.multipliers - implied, np.abs(implied))
+    return {name: by_name[name] for name in INVARIANTS if name in by_name}
 
 
 def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]:
@@ -73,7 +73,7 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
         )
         lengths = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
         rate, _ = problem.constraint_derivatives(t, u, v)
-        found = {
+        by_name = {
             "position": Misfit(values.phi / lengths, np.array([_largest(u)])),
             "velocity": Misfit(
                 (gradient.T @ v + rate) / lengths,
@@ -86,8 +86,8 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
         if now is not None and begin is not None:
             gained, released = now[0] - begin[0], begin[1] - now[1]
             size = now[0] + begin[0] + abs(released)
-            found["energy"] = Misfit(np.array([gained - released]), np.array([size]))
-    return found
+            by_name["energy"] = Misfit(np.array([gained - released]), np.array([size]))
+    return by_name
 
 
 def _largest(values: Array) -> float:

@@ -76,19 +76,21 @@ class _Products:
             (mass, pattern.mass_rows, constraining.inertia * to_a),
             *((g, at + pattern.g_columns, f) for at in constraints for f in constraining.eta),
         ][: None if constraining.stabilised else 0]
-        self._kept = [i * n for i, row in enumerate(form.rows) if row == "K"]
+        self._kept = [
+            i * n for i, row in enumerate(form.rows) if row == "K" and constraining.stabilised
+        ]
 
     def terms(self, behind: int, weights: Array) -> list[_Term]:
         """Where they stand in J; ``behind`` is the first source of theirs."""
         constraining, pattern, n = self._constraining, self._problem.pattern, self._problem.n
-        found: list[_Term] = []
+        terms: list[_Term] = []
         to_projector = constraining.projector
 
         def add(rows: IndexArray, columns: IndexArray, factors: list[tuple[int, float]]) -> None:
             nonlocal behind
             sources = behind + np.arange(len(rows))
             behind += len(rows)
-            found.extend((rows, at + columns, sources, factor) for at, factor in factors if factor)
+            terms.extend((rows, at + columns, sources, factor) for at, factor in factors if factor)
 
         square = [pattern.g_rows[entries] for entries in self._pairs]
         in_u = [(k * n, constraining.penalty * weight) for k, weight in enumerate(weights[0])]
@@ -96,19 +98,19 @@ class _Products:
         eta = weights.shape[1] * n + self._problem.m
         for (first, second), rows, factor in self._with_p:
             add(rows[first], to_projector.columns[second], [(eta, factor)])
-        for at in self._kept if constraining.stabilised else ():
+        for at in self._kept:
             add(at + to_projector.rows, to_projector.columns, [(eta, -1.0)])
-        return found
+        return terms
 
     def values(self, values: Values, tangents: Tangents) -> list[Array]:
         """The products, in the order of `terms`."""
         first, second = self._pairs
-        found = [values.g[first] * values.g[second]]
+        products = [values.g[first] * values.g[second]]
         of_rows = (part for row in tangents.rows for part in row)
         factors = (values.x, values.y, self._problem.mass_values, *of_rows)
-        for each, ((first, second), *_) in zip(factors, self._with_p, strict=False):
-            found.append(each[first] * tangents.directions[second])
-        return found + [tangents.directions] * (self._constraining.stabilised and len(self._kept))
+        for factor, ((first, second), *_) in zip(factors, self._with_p, strict=False):
+            products.append(factor[first] * tangents.directions[second])
+        return products + [tangents.directions] * len(self._kept)
 
 
 _NOWHERE = np.empty(0, np.int64)
@@ -251,11 +253,11 @@ class Jacobian:
 
     def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
         """J̄, the numbers that `solve` takes, without its zeros."""
-        found = scipy.sparse.csc_array(
+        matrix = scipy.sparse.csc_array(
             (self.scaled_entries(values, tangents), (self.rows, self.columns)), (self.size,) * 2
         )
-        found.eliminate_zeros()
-        return found
+        matrix.eliminate_zeros()
+        return matrix
 
     def at(self, t: float, state: State) -> tuple[Values, Tangents | None]:
         """What entries are of at a state."""

@@ -144,14 +144,16 @@ class March:
         )
         self._systems = systems.Systems(self.solver, problem, self.schemes, krylov)
         self._compiled: compiled_march.Engine | None = None
-        self._engine = self._made(self.schemes, self._systems)
+        self._engine = self._engine_for(self.schemes, self._systems)
         if scheme.stop and scheme.stop.missed == HALVE:
 
-            def made(others: Schemes) -> Engine:
-                return self._made(others, systems.Systems(self.solver, problem, others, krylov))
+            def engine_of(others: Schemes) -> Engine:
+                return self._engine_for(
+                    others, systems.Systems(self.solver, problem, others, krylov)
+                )
 
             smallest = scheme.stop.smallest_h
-            self._engine = Halving(self.schemes, self._engine, made, smallest).march
+            self._engine = Halving(self.schemes, self._engine, engine_of, smallest).march
         if state is None:
             self.state = initial_state(problem, self.schemes.at(1))
         else:
@@ -160,7 +162,7 @@ class March:
         self.ending = COMPLETED
         self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
 
-    def _made(self, schemes: Schemes, solved: systems.Systems) -> Engine:
+    def _engine_for(self, schemes: Schemes, solved: systems.Systems) -> Engine:
         """What marches steps, with their linear systems."""
         if not _by_kernel(self.problem, self.solver):
             return partial(
@@ -168,11 +170,11 @@ class March:
             )
         system = solved.base
         static = system if isinstance(system, StaticSystem) else None
-        made = compiled_march.Engine(
+        engine = compiled_march.Engine(
             self.problem, schemes.base, static, system.constraining, schemes
         )
-        self._compiled = self._compiled or made
-        return made.march
+        self._compiled = self._compiled or engine
+        return engine.march
 
     @property
     def scheme(self) -> Scheme:
@@ -315,9 +317,9 @@ class March:
             longest = max(1, min(longest, _MOST_RECORDED // numbers))
         regular = range(self.done + longest, steps, longest)
         # A range may be long, and is in order.
-        asked = stops if isinstance(stops, range) else sorted(stops)
+        ordered = stops if isinstance(stops, range) else sorted(stops)
         compared = [1 << k for k in range(steps.bit_length())] if self.problem.reached else []
-        for halt in merge(regular, asked, compared, (steps,)):
+        for halt in merge(regular, ordered, compared, (steps,)):
             if not self.done < halt <= steps:
                 continue
             here = slice(bisect_right(looks, self.done), bisect_right(looks, halt))

@@ -67,9 +67,9 @@ def violations(problem: Problem, scheme: Scheme, t: float, u: Array, v: Array) -
     def constraints(moved: Array) -> Array:
         if not scheme.compensated:
             return problem.values(t, moved, v, none, dtype).phi
-        found = np.zeros(problem.m, dtype)
-        np.add.at(found, columns, entries * moved[rows])
-        return found
+        phi = np.zeros(problem.m, dtype)
+        np.add.at(phi, columns, entries * moved[rows])
+        return phi
 
     random, drawn = np.random.default_rng(_SEED), np.empty((_DRAWS, problem.m))
     for k in range(_DRAWS):
@@ -92,5 +92,5 @@ def multiplier_noise(jacobian: Array, scheme: Scheme, violated: Array) -> float:
     left, right = scaling_factors(scheme, n, m)
     rhs = np.zeros((n + m, draws))
     rhs[n:] = left[n:, None] * violated.T
-    found = right[n:, None] * np.linalg.solve(left[:, None] * jacobian * right, rhs)[n:]
-    return float(np.sqrt(np.sum(found**2) / draws))
+    changes = right[n:, None] * np.linalg.solve(left[:, None] * jacobian * right, rhs)[n:]
+    return float(np.sqrt(np.sum(changes**2) / draws))

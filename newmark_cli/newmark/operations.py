@@ -54,10 +54,10 @@ class Tally:
 
     def array(self, values: Any) -> Any:
         """An array of them."""
-        given = np.asarray(values, float)
-        found = np.empty(given.shape, object)
-        found.ravel()[:] = [_Number(self, value) for value in given.ravel().tolist()]
-        return found
+        numbers = np.asarray(values, float)
+        counted = np.empty(numbers.shape, object)
+        counted.ravel()[:] = [_Number(self, value) for value in numbers.ravel().tolist()]
+        return counted
 
 
 def _counting(compute: Callable[[Any, Any], Any]) -> Any:
@@ -87,10 +87,10 @@ class _Number(NDArrayOperatorsMixin):
     __sub__ = __isub__ = _counting(sub)
     __rsub__ = _counting(lambda b, a: a - b)
 
-    def __array_ufunc__(self, ufunc: Any, method: str, *given: Any, out: Any = None) -> Any:
+    def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, out: Any = None) -> Any:
         self.tally.operations += ufunc not in _FREE
-        found = ufunc(*(one.value if isinstance(one, _Number) else one for one in given))
-        return _Number(self.tally, found) if isinstance(found, np.floating) else found
+        result = ufunc(*(x.value if isinstance(x, _Number) else x for x in operands))
+        return _Number(self.tally, result) if isinstance(result, np.floating) else result
 
     def __float__(self) -> float:
         return float(self.value)
@@ -119,7 +119,7 @@ def evaluation(problem: Problem) -> Evaluation:
     """Operations of a problem's functions, at its start."""
     if problem.code or not problem.compiled:
         return Evaluation(0, 0)
-    found = []
+    counts = []
     pattern, n, m = problem.pattern, problem.n, problem.m
     entries = len(pattern.g_rows)
     for function, third, results in (
@@ -131,8 +131,8 @@ def evaluation(problem: Problem) -> Evaluation:
         out = [tally.array(np.zeros(size)) for size in results]
         t, reals = tally.number(problem.t0), tally.array(problem.reals)
         interpreted(function)(t, *state, problem.ints, reals, *out)
-        found.append(tally.operations)
-    return Evaluation(*found)
+        counts.append(tally.operations)
+    return Evaluation(*counts)
 
 
 class Work(NamedTuple):
@@ -178,10 +178,10 @@ def work(problem: Problem, scheme: Scheme, system: LinearSystem) -> Work:
 def of_march(march: March) -> int:
     """Operations of a march from its start to where it stands."""
     parts = work(march.problem, march.scheme, march.system)
-    found = march.corrections * parts.correction + march.done * parts.step
+    operations = march.corrections * parts.correction + march.done * parts.step
     if isinstance(march.system, KrylovSystem):
-        found += krylov(march.system, march.system.iterations)
-    return found + march.positions * parts.position
+        operations += krylov(march.system, march.system.iterations)
+    return operations + march.positions * parts.position
 
 
 def elimination(lists: EliminationLists) -> int:

@@ -179,11 +179,11 @@ class FormOrders:
             return {}
         # Only what rows V and K contribute is uncertain.
         sharp = np.where([row in "VK" for row in self.form.rows], _INF, self.residual)
-        found = {}
+        reasons = {}
         for unknown, order in self.physical_corrections().items():
             if self._reaction(unknown, sharp) > order:
-                found[unknown] = "differences in rows V and K are often exact"
-        return found
+                reasons[unknown] = "differences in rows V and K are often exact"
+        return reasons
 
     def _reaction(self, unknown: str, residual: Array) -> float:
         """Order of an unknown's correction for orders of the residual."""

@@ -42,11 +42,11 @@ def sensitivities(
     form = scheme.form
     sizes = form.sizes(n, m)
     ends = np.cumsum(sizes)
-    found = {}
+    ratios = {}
     for row, size, end in zip(form.rows, sizes, ends, strict=True):
         rhs = np.zeros(jacobian.size)
         rhs[end - size : end] = -EPSILON * perturbation(row, size)
         change = np.split(jacobian.solve(rhs), ends[:-1])
         for unknown, block in zip(form.solved, change, strict=True):
-            found[row, unknown] = norm(block) / EPSILON
-    return found
+            ratios[row, unknown] = norm(block) / EPSILON
+    return ratios

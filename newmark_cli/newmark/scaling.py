@@ -163,11 +163,11 @@ class Preconditioning:
 
 
 def _canonical_factors(
-    given: tuple[tuple[str, str], ...], blocks: Sequence[str]
+    pairs: tuple[tuple[str, str], ...], blocks: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
     """Factors in one spelling and order; what cannot be read stays for whoever applies it."""
 
-    def spelled(factor: str) -> str:
+    def normalised(factor: str) -> str:
         try:
             return str(Monomial.parse(factor))
         except MonomialError:
@@ -177,7 +177,7 @@ def _canonical_factors(
         return blocks.index(block) if block in blocks else len(blocks)
 
     return tuple(
-        sorted(((block, spelled(factor)) for block, factor in given), key=lambda p: place(p[0]))
+        sorted(((block, normalised(factor)) for block, factor in pairs), key=lambda p: place(p[0]))
     )
 
 
@@ -198,10 +198,10 @@ def named_scaling(variant: str, form: Form) -> Scaling:
     blocks = {"left": form.rows, "right": form.unknowns}
     table = {}
     for side, allowed in blocks.items():
-        given = chosen.factors or {
+        factors = chosen.factors or {
             side: {**TABLE_2[form.name][side], **BESIDE_TABLE_2[side], **chosen.replaced}
         }
-        used = given.get(side, {}) if side in chosen.sides else {}
+        used = factors.get(side, {}) if side in chosen.sides else {}
         table[side] = {block: factor for block, factor in used.items() if block in allowed}
     return own_scaling(variant, form, table["left"], table["right"])
 
@@ -216,10 +216,10 @@ def own_scaling(
     """
 
     def side(
-        label: str, given: Mapping[str, str | float], allowed: Iterable[str]
+        label: str, texts: Mapping[str, str | float], allowed: Iterable[str]
     ) -> dict[str, Monomial]:
         factors = dict.fromkeys(allowed, ONE)
-        for block, text in given.items():
+        for block, text in texts.items():
             if block not in factors:
                 raise ScalingError(
                     f"{label}: form {form.described} has no {block!r}; it has {', '.join(factors)}"

@@ -101,11 +101,11 @@ class Tolerance:
     @property
     def limits(self) -> Array:
         """(4, 2) absolute and relative parts: of u, v, a, λ, or else of the first row."""
-        found = np.zeros((4, 2))
-        found[0] = self.absolute, self.relative
+        table = np.zeros((4, 2))
+        table[0] = self.absolute, self.relative
         for name, *limits in self.fields:
-            found[(*FIELDS, "lambda").index(name)] = limits
-        return found
+            table[(*FIELDS, "lambda").index(name)] = limits
+        return table
 
 
 @dataclass(frozen=True)

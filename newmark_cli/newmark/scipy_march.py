@@ -246,10 +246,8 @@ class _Index3:
         scheme, fields = self.scheme, self.state.fields
         p, kept = len(scheme.tables.kept), scheme.tables.kept
         if (stop := scheme.stop) and stop.test == INCREMENTS:
-            each = zip(
-                stop.limits, self._before, (*fields[:3], self.state.multipliers), strict=True
-            )
-            return all(_changed_little(*parts) for parts in each)
+            now = (*fields[:3], self.state.multipliers)
+            return all(map(_changed_little, stop.limits, self._before, now))
         if stop:
             of_kept = algebra.norm(fields[kept] / scheme.right[:p, None])
             size = np.hypot(of_kept, algebra.norm(self.state.multipliers / scheme.right[p]))
@@ -422,17 +420,17 @@ class _Formulated(_Index3):
                 self.moving[field] += constraining.eta[field] * self._push()
         self._take()
 
-    def _take_norms(self, found: Array, norms: Array, settled: int) -> bool:
+    def _take_norms(self, recorded: Array, norms: Array, settled: int) -> bool:
         """Record the blocks that still decrease; True when none does any more.
 
         Far from the solution all are recorded.
         """
         if settled >= 2:
-            self._done |= found >= self._last
+            self._done |= recorded >= self._last
         else:
             self._done[:] = False
-        norms[~self._done] = found[~self._done]
-        self._last = found
+        norms[~self._done] = recorded[~self._done]
+        self._last = recorded
         return bool(self._done.all())
 
     def finish(self, t: float) -> int:

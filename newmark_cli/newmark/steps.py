@@ -174,10 +174,10 @@ def parse(label: str) -> StepSequence:
     """
     if label == CONSTANT.label:
         return CONSTANT
-    for pattern, made in _LABELS:
+    for pattern, make in _LABELS:
         if match := re.fullmatch(pattern, label):
             try:
-                return made(*match.groups())
+                return make(*match.groups())
             except ValueError:
                 break
     forms = "constant, change 0.5 at 0.5, alternate 1 0.5 every 5, random 0.5 2 seed 1"
@@ -224,7 +224,7 @@ class TimeGrid:
         assert self.sizes is not None
         unit = math.ulp(float(self.sizes.min(initial=self.h)))
         sums = accumulate((int(size / unit) for size in self.sizes.tolist()), initial=0)
-        return np.array([float(each) for each in sums]) * unit
+        return np.array([float(total) for total in sums]) * unit
 
     def t(self, step: int) -> float:
         """Time after so many steps (s)."""
@@ -273,8 +273,8 @@ class TimeGrid:
         first one's kind unless the size changes there, else of none, −1.
         """
         which = self._kinds[1]
-        found = which[np.clip(steps, 1, len(which)) - 1]
-        return np.where((steps == 0) & (self.before[0] != self.size(1)), -1, found)
+        numbers = which[np.clip(steps, 1, len(which)) - 1]
+        return np.where((steps == 0) & (self.before[0] != self.size(1)), -1, numbers)
 
     def kind(self, number: int) -> tuple[float, float]:
         """Size of a kind of steps (s), and its ratio to the size of the step before."""

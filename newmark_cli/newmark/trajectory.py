@@ -254,7 +254,7 @@ class Trajectory:
         if not self.twins:
             return {}
         return {
-            name: spread([each.arrays[name] for each in (self, *self.twins)])
+            name: spread([trajectory.arrays[name] for trajectory in (self, *self.twins)])
             for name in self.arrays
         }
 
@@ -304,8 +304,8 @@ class Trajectory:
         if self.problem.outputs is None:
             return np.empty((len(self.t), 0))
         states = zip(self.t.tolist(), self.u, self.v, self.multipliers, strict=True)
-        found = [self.problem.outputs.values(self.problem, *state) for state in states]
-        return np.array(found).reshape(len(self.t), -1)
+        rows = [self.problem.outputs.values(self.problem, *state) for state in states]
+        return np.array(rows).reshape(len(self.t), -1)
 
     def output(self, name: str) -> Array:
         """(k,) one output of a spatial mechanism, such as a reaction.
@@ -533,8 +533,8 @@ class Recorder:
             status = ENDINGS[ending]
         elif self.reason:
             status = REDUNDANT
-        found = {name: rows.first(self._kept) for name, rows in self._rows.items()}
-        numbers, counts = found.pop("number"), found.pop("count")
+        arrays = {name: rows.first(self._kept) for name, rows in self._rows.items()}
+        numbers, counts = arrays.pop("number"), arrays.pop("count")
         return Trajectory(
             t=self.march.grid.times(numbers),
             numbers=numbers,
@@ -547,6 +547,6 @@ class Recorder:
             h=self.march.grid.h,
             state=self._good,
             problem=self.march.problem,
-            arrays=found,
+            arrays=arrays,
             reason=self.reason if status == REDUNDANT else "",
         )

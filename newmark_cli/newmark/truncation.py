@@ -84,16 +84,16 @@ class March:
         """Order of the error of u, v or λ at the end."""
         if not self.settles:
             return UNKNOWN
-        found = self._multipliers() if quantity == "lambda" else float(self.order)
-        if self.sequence == CONSTANT or math.isnan(found):
-            return found
+        order = self._multipliers() if quantity == "lambda" else float(self.order)
+        if self.sequence == CONSTANT or math.isnan(order):
+            return order
         if isinstance(self.sequence, Change):
             # What one change leaves behind has died out, or alternates.
-            return UNKNOWN if self._alternation_fed and quantity == "lambda" else found
+            return UNKNOWN if self._alternation_fed and quantity == "lambda" else order
         of_state, of_multipliers = self._after_changes
         if quantity == "lambda" and of_multipliers < of_state:
             return UNKNOWN  # it depends on how many steps ago h changed last
-        return min(found, self._after(quantity))
+        return min(order, self._after(quantity))
 
     def transient(self, quantity: str) -> float:
         """Order of the largest error of u, v or λ in the first steps after a change."""
@@ -112,8 +112,8 @@ class March:
         )  # fmt: skip
 
     def _after(self, quantity: str) -> float:
-        found = self._after_changes[quantity == "lambda"]
-        return found if math.isfinite(found) else UNKNOWN
+        order = self._after_changes[quantity == "lambda"]
+        return order if math.isfinite(order) else UNKNOWN
 
     @property
     def _alternation_fed(self) -> bool:
@@ -143,8 +143,8 @@ class March:
         if not self.settles:
             return UNKNOWN
         if self.sequence != CONSTANT:
-            found = replace(self, sequence=CONSTANT).drift(invariant)
-            return found if found == ROUNDING else UNKNOWN
+            order = replace(self, sequence=CONSTANT).drift(invariant)
+            return order if order == ROUNDING else UNKNOWN
         rows = self.formulation.kind.rows
         if invariant == "position":
             if self.by_position or "C" in rows or self.projection.level == 2:

@@ -45,17 +45,17 @@ def constants(problem: Problem, scheme: Scheme) -> Constants:
     """M in row D and the identities in the kept rows V and K."""
     tables, pattern, n = scheme.tables, problem.pattern, problem.n
     mass = problem.mass_values.astype(scheme.dtype)
-    found = []
+    parts = []
     for k, right in enumerate(tables.right[: len(tables.kept)]):
         factor = tables.left[0] * tables.dynamic_weights[k] * right
-        found.append((pattern.mass_rows, k * n + pattern.mass_columns, factor * mass))
+        parts.append((pattern.mass_rows, k * n + pattern.mass_columns, factor * mass))
         for r, weights in enumerate(tables.row_weights):
             factor = tables.left[1 + r] * weights[k] * right
             if factor != 0:
                 every = np.arange(n)
                 diagonal = np.full(n, factor, scheme.dtype)
-                found.append(((1 + r) * n + every, k * n + every, diagonal))
-    return Constants(*(np.concatenate(part) for part in zip(*found, strict=True)))
+                parts.append(((1 + r) * n + every, k * n + every, diagonal))
+    return Constants(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def of_motion(problem: Problem, scheme: Scheme) -> Sums:
@@ -68,14 +68,14 @@ def of_index_3(problem: Problem, scheme: Scheme) -> Sums:
     tables, pattern, n = scheme.tables, problem.pattern, problem.n
     p, first = len(tables.kept), len(pattern.x_rows) + len(pattern.y_rows)
     of_g, row = first + np.arange(len(pattern.g_rows)), 1 + len(tables.row_weights)
-    found = _of_motion(problem, scheme)
+    parts = _of_motion(problem, scheme)
     for k, right in enumerate(tables.right[:p]):
         if (weight := tables.weights[0, k]) != 0:
             factor = tables.left[row] * weight * right
-            found.append((row * n + pattern.g_columns, k * n + pattern.g_rows, of_g, factor))
+            parts.append((row * n + pattern.g_columns, k * n + pattern.g_rows, of_g, factor))
     factor = -(tables.left[0] * tables.right[p])
-    found.append((pattern.g_rows, p * n + pattern.g_columns, of_g, factor))
-    return _sums(found, scheme)
+    parts.append((pattern.g_rows, p * n + pattern.g_columns, of_g, factor))
+    return _sums(parts, scheme)
 
 
 _Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any]]
@@ -85,16 +85,16 @@ def _of_motion(problem: Problem, scheme: Scheme) -> list[_Part]:
     tables, pattern, n = scheme.tables, problem.pattern, problem.n
     of_x = np.arange(len(pattern.x_rows))
     of_y = len(of_x) + np.arange(len(pattern.y_rows))
-    found: list[_Part] = []
+    parts: list[_Part] = []
     for k, right in enumerate(tables.right[: len(tables.kept)]):
         u_weight, v_weight = tables.weights[:2, k]
         if u_weight != 0:
             factor = tables.left[0] * u_weight * right
-            found.append((pattern.x_rows, k * n + pattern.x_columns, of_x, factor))
+            parts.append((pattern.x_rows, k * n + pattern.x_columns, of_x, factor))
         if v_weight != 0:
             factor = tables.left[0] * v_weight * right
-            found.append((pattern.y_rows, k * n + pattern.y_columns, of_y, factor))
-    return found
+            parts.append((pattern.y_rows, k * n + pattern.y_columns, of_y, factor))
+    return parts
 
 
 def _sums(parts: list[_Part], scheme: Scheme) -> Sums:

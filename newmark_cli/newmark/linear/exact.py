@@ -62,17 +62,17 @@ def solve(
         scaled = scipy.sparse.csc_array(
             scipy.sparse.diags_array(rows) @ matrix @ scipy.sparse.diags_array(columns)
         )
-        found = _refined(scaled, exact, target)
-        if found is None:
+        solution = _refined(scaled, exact, target)
+        if solution is None:
             if len(rhs) > _ELIMINATED_UP_TO:
                 raise NotSolvedError(
                     f"{len(rhs)} unknowns, and no digit of the balanced matrix's factors is right"
                 )
-            found = _eliminated(exact, target)
-        least = _ZERO * max(map(abs, found), default=Decimal(0))
+            solution = _eliminated(exact, target)
+        least = _ZERO * max(map(abs, solution), default=Decimal(0))
         return tuple(
             factor * value if abs(value) > least else Decimal(0)
-            for factor, value in zip(inner, found, strict=True)
+            for factor, value in zip(inner, solution, strict=True)
         )
 
 
@@ -130,7 +130,7 @@ def _refined(
     matrix: scipy.sparse.csc_array, exact: _Rows, target: Sequence[Decimal]
 ) -> list[Decimal] | None:
     """The solution by refinement; None where that gains nothing."""
-    found = [Decimal(0)] * len(target)
+    solution = [Decimal(0)] * len(target)
     missed, before = list(target), None
     try:
         factors = splu(matrix)
@@ -143,12 +143,12 @@ def _refined(
         step = factors.solve(np.array([float(value / size) for value in missed]))
         if not np.all(np.isfinite(step)):
             return None
-        found = [x + size * Decimal(d) for x, d in zip(found, step.tolist(), strict=True)]
-        largest = max(map(abs, found))
+        solution = [x + size * Decimal(d) for x, d in zip(solution, step.tolist(), strict=True)]
+        largest = max(map(abs, solution))
         if size * Decimal(float(np.abs(step).max())) <= _CONVERGED * largest:
             break
-        missed = _residual(exact, target, found)
-    return found
+        missed = _residual(exact, target, solution)
+    return solution
 
 
 def _eliminated(exact: _Rows, target: Sequence[Decimal]) -> list[Decimal]:
@@ -172,12 +172,12 @@ def _eliminated(exact: _Rows, target: Sequence[Decimal]) -> list[Decimal]:
                 factor = row[k] / head[k]
                 for j in filled:
                     row[j] -= factor * head[j]
-    found = [Decimal(0)] * size
+    solution = [Decimal(0)] * size
     for k in reversed(range(size)):
         row = table[k]
-        rest = sum((row[j] * found[j] for j in range(k + 1, size) if row[j]), Decimal(0))
-        found[k] = (row[size] - rest) / row[k]
-    return found
+        rest = sum((row[j] * solution[j] for j in range(k + 1, size) if row[j]), Decimal(0))
+        solution[k] = (row[size] - rest) / row[k]
+    return solution
 
 
 def text(value: Decimal) -> str:

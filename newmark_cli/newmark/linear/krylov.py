@@ -114,10 +114,10 @@ def _is_symmetric(system: SparseSystem) -> bool:
     block = np.repeat(np.arange(len(sizes_of)), sizes_of)
 
     def largest(entries: scipy.sparse.csr_array) -> Array:
-        found = np.zeros((len(sizes_of), len(sizes_of)))
+        maxima = np.zeros((len(sizes_of), len(sizes_of)))
         places = entries.tocoo()
-        np.maximum.at(found, (block[places.row], block[places.col]), np.abs(places.data))
-        return found
+        np.maximum.at(maxima, (block[places.row], block[places.col]), np.abs(places.data))
+        return maxima
 
     sizes = largest(matrix)
     difference = largest(scipy.sparse.csr_array(matrix - matrix.T))

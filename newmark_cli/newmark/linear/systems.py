@@ -57,7 +57,7 @@ class Systems:
         if key not in self._known:
             if len(self._known) >= _MOST_KNOWN:
                 self._known.clear()
-            self._known[key] = found = self._make(scheme)
-            if isinstance(found, KrylovSystem) and isinstance(self.base, KrylovSystem):
-                found.iterations, found.residuals = self.base.iterations, self.base.residuals
+            self._known[key] = new = self._make(scheme)
+            if isinstance(new, KrylovSystem) and isinstance(self.base, KrylovSystem):
+                new.iterations, new.residuals = self.base.iterations, self.base.residuals
         return self._known[key]

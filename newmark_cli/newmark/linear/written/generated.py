@@ -43,14 +43,14 @@ class Written(NamedTuple):
     def digest(self) -> str:
         """Digest of all that the code depends on, 32 characters."""
         tables = self.tables
-        found = sha256(
+        digest = sha256(
             f"{self.pivoting} {LARGEST_MULTIPLIER} {machine_code.identity()} "
             f"{tables.work.dtype} ".encode()
         )
-        found.update(machine_code.source(__file__))
+        digest.update(machine_code.source(__file__))
         for array in (tables.structure, tables.room[SIGNED:], tables.places, tables.origins):
-            found.update(f"{len(array)} ".encode() + array.tobytes())
-        return found.hexdigest()[:32]
+            digest.update(f"{len(array)} ".encode() + array.tobytes())
+        return digest.hexdigest()[:32]
 
     def text(self) -> str:
         """The code, in the language of LLVM; its function is `NAME`.
@@ -83,12 +83,12 @@ def _came_before(rows: Sequence[int]) -> list[set[int]]:
     Among rows with equally large entries partial pivoting takes the first.
     """
     place = {row: k for k, row in enumerate(rows)}
-    standing, found = sorted(rows), []
+    standing, before = sorted(rows), []
     for k, row in enumerate(rows):
         at = standing.index(row)
-        found.append({place[other] for other in standing[k:at]})
+        before.append({place[other] for other in standing[k:at]})
         standing[k], standing[at] = standing[at], standing[k]
-    return found
+    return before
 
 
 _INDEX = ir.IntType(64)
@@ -162,10 +162,10 @@ class _Code:
         """Overwrite the right-hand side with the solution."""
         build = self.build
         for j in range(self.size - 1, -1, -1):
-            found = solved = build.fmul(self.solution[j], self.inverse[j])
+            value = solved = build.fmul(self.solution[j], self.inverse[j])
             if not self.pivoting:
-                found = build.fmul(solved, self._value(self.work, self.size + j))
-            build.store(found, self._at(self.rhs, self.of["column_order"][j]))
+                value = build.fmul(solved, self._value(self.work, self.size + j))
+            build.store(value, self._at(self.rhs, self.of["column_order"][j]))
             for e in self._entries("upper", j):
                 row, product = self.of["upper_rows"][e], build.fmul(self.upper[e], solved)
                 self.solution[row] = build.fsub(self.solution[row], product)
@@ -202,11 +202,11 @@ class _Code:
         return build.and_(good, build.fcmp_ordered(">", pivot, above))
 
     def _largest_of(self, entries: Iterable[ir.Value]) -> ir.Value:
-        build, found = self.build, ir.Constant(self.number, 0.0)
+        build, largest = self.build, ir.Constant(self.number, 0.0)
         for entry in entries:
             size = build.call(self.magnitude, [entry])
-            found = build.select(build.fcmp_ordered(">", size, found), size, found)
-        return found
+            largest = build.select(build.fcmp_ordered(">", size, largest), size, largest)
+        return largest
 
     def _entries(self, kind: str, j: int) -> range:
         starts = self.of[f"{kind}_starts"]

@@ -60,5 +60,5 @@ class EliminationLists:
 
     def _keys(self, rows: IndexArray, columns: IndexArray) -> IndexArray:
         """Numbers of places, by columns in their order."""
-        found: IndexArray = self._column_place[columns] * self.size + self._row_place[rows]
-        return found
+        keys: IndexArray = self._column_place[columns] * self.size + self._row_place[rows]
+        return keys

@@ -123,16 +123,16 @@ class _Parts:
     def digest(self) -> str:
         """What the code depends on, in 32 characters."""
         solving = self.elimination.digest() if self.elimination else ""
-        found = sha256(
+        digest = sha256(
             f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.compensated} "
             f"{solving} {self.shapes} {self.starts} ".encode()
         )
         for function in (self.function, kernel.assemble_residual):
-            found.update(machine_code.source(function.py_func.__code__.co_filename))
-        found.update(machine_code.source(__file__))
+            digest.update(machine_code.source(function.py_func.__code__.co_filename))
+        digest.update(machine_code.source(__file__))
         for array in self.constants.values():
-            found.update(f"{array.dtype} ".encode() + array.tobytes())
-        return found.hexdigest()[:32]
+            digest.update(f"{array.dtype} ".encode() + array.tobytes())
+        return digest.hexdigest()[:32]
 
     def module(self) -> Any:
         """The optimised module."""
@@ -173,14 +173,14 @@ class _Parts:
         """A compiled function as a part of a module; of what else comes along, nothing is used."""
         kinds = (self._type(name) for name in names)
         name, code = bitcode(function, tuple(kinds))
-        found = llvm.parse_bitcode(code)
-        for other in found.functions:
+        parsed = llvm.parse_bitcode(code)
+        for other in parsed.functions:
             if not other.is_declaration:
                 # Linking would drop what nothing calls yet.
                 other.linkage = "external" if other.name == name else "internal"
         if module is None:
-            return name, found
-        module.link_in(found)
+            return name, parsed
+        module.link_in(parsed)
         return name, module
 
     def _type(self, name: str) -> Any:
@@ -214,23 +214,23 @@ class _Parts:
             corrected.append(self._call(names[2], _INCREASED, number))
         corrected.append(self._call(names[1], _ASSEMBLED, number))
         if self.elimination:
-            given = ", ".join(f"ptr %{name}" for name in _SOLVED)
+            pointers = ", ".join(f"ptr %{name}" for name in _SOLVED)
             corrected += [
-                f"%ending = call i64 @{generated.NAME}({given}) alwaysinline",
+                f"%ending = call i64 @{generated.NAME}({pointers}) alwaysinline",
                 "ret i64 %ending",
             ]
         else:
             corrected.append(f"ret i64 {UNSOLVED}")
         declared = [
-            f"declare i32 @{name}({', '.join(self._kinds(given))})"
-            for name, given in zip(names, (_EVALUATED, _ASSEMBLED, _INCREASED), strict=False)
+            f"declare i32 @{name}({', '.join(self._kinds(arguments))})"
+            for name, arguments in zip(names, (_EVALUATED, _ASSEMBLED, _INCREASED), strict=False)
             if name != generated.NAME
         ]
         if self.elimination:
             declared.append(f"declare i64 @{generated.NAME}({', '.join(['ptr'] * len(_SOLVED))})")
 
-        def function(kind: str, name: str, given: Sequence[str], body: Sequence[str]) -> list[str]:
-            pointers = ", ".join(f"ptr noalias %{argument}" for argument in given)
+        def function(kind: str, name: str, arrays: Sequence[str], body: Sequence[str]) -> list[str]:
+            pointers = ", ".join(f"ptr noalias %{argument}" for argument in arrays)
             return [f"define {kind} @{name}({number} %t, {pointers}) {{", *room, *body, "}"]
 
         lines = [
@@ -242,22 +242,22 @@ class _Parts:
         return "\n".join([*lines, ""])
 
     def _call(
-        self, function: str, given: Sequence[str], number: str, parts: Mapping[str, str] = {}
+        self, function: str, names: Sequence[str], number: str, parts: Mapping[str, str] = {}
     ) -> str:
         arguments = [
-            f"{number} %t" if name == "t" else parts.get(name, self._array(name)) for name in given
+            f"{number} %t" if name == "t" else parts.get(name, self._array(name)) for name in names
         ]
         both = ", ".join(["ptr %result", "ptr %exception", *arguments])
         return f"call i32 @{function}({both}) alwaysinline"
 
-    def _kinds(self, given: Sequence[str]) -> list[str]:
+    def _kinds(self, names: Sequence[str]) -> list[str]:
         """Types of arguments: for what is returned and for an exception come first."""
         number = {4: "float", 8: "double"}[self.dtype.itemsize]
-        found = ["ptr", "ptr"]
-        for name in given:
+        kinds = ["ptr", "ptr"]
+        for name in names:
             array = [] if name == "t" else self._array(name).split(", ")
-            found += [part.split()[0] for part in array] or [number]
-        return found
+            kinds += [part.split()[0] for part in array] or [number]
+        return kinds
 
     def _array(self, name: str, shape: tuple[int, ...] = (), data: str = "") -> str:
         """An array as numba hands it on: two owners, size, of an item too, data, shape, strides."""
@@ -280,8 +280,8 @@ class _Parts:
 @intrinsic
 def _call(typing, address, t, u, v, multipliers, reals, force, phi, x, y, g):  # type: ignore[no-untyped-def]
     """Call the code of an evaluation."""
-    given = (address, t, u, v, multipliers, reals, force, phi, x, y, g)
-    return types.void(*given), generate_call
+    arguments = (address, t, u, v, multipliers, reals, force, phi, x, y, g)
+    return types.void(*arguments), generate_call
 
 
 @cached_njit(nogil=True, error_model="numpy")

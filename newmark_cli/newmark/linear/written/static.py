@@ -141,10 +141,10 @@ class StaticElimination:
         lists, dtype = self.lists, self.scheme.dtype
         constants, sums = self._in_units(*self._constants), self._sums
         coefficients = self._in_units(sums.rows, sums.columns, sums.coefficients).values
-        found = lists.tables(constants, sums._replace(coefficients=coefficients), dtype)
+        tables = lists.tables(constants, sums._replace(coefficients=coefficients), dtype)
         work = np.zeros(5 * self.size + len(lists.lower_rows) + len(lists.upper_rows), dtype)
         work[: 2 * self.size] = np.concatenate(self.units)
-        return found._replace(work=work)
+        return tables._replace(work=work)
 
     def _in_units(self, rows: IndexArray, columns: IndexArray, values: Array) -> Constants:
         """Entries in the units of the elimination."""
@@ -242,9 +242,9 @@ class StaticSystem:
 
     def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
         """J̄, the numbers that `solve` takes, without its zeros."""
-        found = self.elimination.matrix(values)
-        found.eliminate_zeros()
-        return found
+        matrix = self.elimination.matrix(values)
+        matrix.eliminate_zeros()
+        return matrix
 
     def balanced(
         self, t: float, state: State
@@ -252,12 +252,12 @@ class StaticSystem:
         """J̄ at a state, to be solved accurately."""
         if not self.dense:
             values = self.problem.values(t, state.fields[0], state.fields[1], state.multipliers)
-            if (found := self.elimination.balanced(values)) is not None:
-                return found
+            if (balanced := self.elimination.balanced(values)) is not None:
+                return balanced
         return self.pivoting.balanced(t, state)
 
 
 def _power_of_two(values: Array) -> Array:
     """The powers of two nearest to values, signed; 1 for what is not finite."""
-    found = np.ldexp(np.sign(values), np.rint(np.log2(np.abs(values))).astype(int))
-    return np.where(np.isfinite(values) & (values != 0), found, 1.0)
+    powers = np.ldexp(np.sign(values), np.rint(np.log2(np.abs(values))).astype(int))
+    return np.where(np.isfinite(values) & (values != 0), powers, 1.0)
