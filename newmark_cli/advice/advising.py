@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -175,8 +175,8 @@ class Advice:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain mappings, lists, numbers and text; step sizes are text where they are keys."""
-        found: dict[str, Any] = plain(asdict(self))
-        return found
+        values: dict[str, Any] = plain(asdict(self))
+        return values
 
     def __str__(self) -> str:
         return "\n\n".join(filter(None, sections(self)))
@@ -255,15 +255,15 @@ def advise(
         arguments.one_of("precision", precision, PRECISIONS),
     )
     require_fit(about, chosen, evaluation)
-    each = {step: schemes.at(step) for step in steps}
-    largest_step, least = each[steps[0]], each[steps[-1]]
+    scheme_at = {step: schemes.at(step) for step in steps}
+    largest_step, least = scheme_at[steps[0]], scheme_at[steps[-1]]
     tests = Tests.of(
         tolerance, tested, residual_tolerance, residual_tested, largest_step.form.unknowns
     )
     condition, equilibrations = {}, []
     for step in steps:
-        condition[step], found = _conditions(about, schemes, step)
-        equilibrations += found
+        condition[step], added = _conditions(about, schemes, step)
+        equilibrations += added
     orders = _orders(schemes, least)
     factors = {
         step: factors_of(form, h=step, integrator=method, formulation=chosen) for step in steps
@@ -271,15 +271,16 @@ def advise(
     forms = _all_forms(about, schemes, steps[-1])
     noise = _noise(about, schemes)
     floors = {
-        name: {step: about.floors(schemes.but(precision=name).at(step)) for step in steps}
+        name: {step: about.floors(replace(schemes, precision=name).at(step)) for step in steps}
         for name in PRECISIONS
     }
     why = unpredicted(least)
     if why and tests.tolerances:
         raise ArgumentError(f"a tolerance cannot be judged: {why}")
-    turning = [f"{one.h:g}" for one in _tolerances(floors, schemes) if math.isnan(one.scaled)]
+    tolerances = tuple(_tolerances(floors, schemes))
+    turning = [f"{smallest.h:g}" for smallest in tolerances if math.isnan(smallest.scaled)]
     findings = (
-        *diagnosed(tests, about, each, floors[precision]),
+        *diagnosed(tests, about, scheme_at, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
         *_when_h_changes(schemes),
@@ -309,7 +310,7 @@ def advise(
         factors=factors,
         code=_code(factors[least.h], method.symbols(least.h), about),
         forms=forms,
-        tolerances=tuple(_tolerances(floors, schemes)),
+        tolerances=tolerances,
         multipliers=about.multipliers,
         noise=noise,
         equilibrations=tuple(equilibrations),
@@ -340,16 +341,13 @@ class _Schemes:
         names = {name: Preconditioning(name) for name in PAPER_VARIANTS}
         return {**names, self.scaling.label: self.scaling}
 
-    def but(self, **changed: Any) -> "_Schemes":
-        return _Schemes(**{**vars(self), **changed})
 
-
-def _step_sizes(given: Any) -> list[float]:
+def _step_sizes(h: Any) -> list[float]:
     """Step sizes, the smallest last."""
-    if isinstance(given, np.ndarray):
-        given = given.reshape(-1).tolist()
-    several = given if isinstance(given, list | tuple) and len(given) else [given]
-    return sorted({arguments.step_size(one) for one in several}, reverse=True)
+    if isinstance(h, np.ndarray):
+        h = h.reshape(-1).tolist()
+    values = h if isinstance(h, list | tuple) and len(h) else [h]
+    return sorted({arguments.step_size(value) for value in values}, reverse=True)
 
 
 def _conditions(
@@ -363,13 +361,15 @@ def _conditions(
     except np.linalg.LinAlgError:
         return dict.fromkeys(schemes.scalings(), math.inf), []
     factors = {
-        name: scaling_factors(schemes.but(scaling=chosen).at(h), about.n, about.m)
+        name: scaling_factors(replace(schemes, scaling=chosen).at(h), about.n, about.m)
         for name, chosen in schemes.scalings().items()
     }
-    found = {name: inverted.condition(*both) for name, both in factors.items()}
-    if not found["optimal"] > LARGE:
-        return found, []
-    return found, [_equilibration(about, scheme, inverted, *factors["optimal"], found["optimal"])]
+    condition = {name: inverted.condition(*both) for name, both in factors.items()}
+    if not condition["optimal"] > LARGE:
+        return condition, []
+    return condition, [
+        _equilibration(about, scheme, inverted, *factors["optimal"], condition["optimal"])
+    ]
 
 
 def _orders(schemes: _Schemes, scheme: Scheme) -> dict[str, float]:
@@ -424,7 +424,7 @@ def _cause(
 def _all_forms(about: Subject, schemes: _Schemes, h: float) -> dict[str, dict[str, float]]:
     if about.n + about.m > _MOST_COMPARED:
         return {}
-    return {name: _conditions(about, schemes.but(form=name), h)[0] for name in FORMS}
+    return {name: _conditions(about, replace(schemes, form=name), h)[0] for name in FORMS}
 
 
 def _tolerances(
@@ -432,11 +432,11 @@ def _tolerances(
 ) -> Iterator[Smallest]:
     for h in next(iter(floors.values())):
         scheme = schemes.at(h)
-        for precision, of_steps in floors.items():
-            found = of_steps[h]
-            for unknown in (*found[0].scaled, ALL) if found else ():
+        for precision, by_step in floors.items():
+            at_states = by_step[h]
+            for unknown in (*at_states[0].scaled, ALL) if at_states else ():
                 scaled, physical = (
-                    SPREAD * largest(found, unknown, kind, scheme)
+                    SPREAD * largest(at_states, unknown, kind, scheme)
                     for kind in ("scaled", "physical")
                 )
                 shown = None if unknown == ALL else physical
@@ -449,47 +449,47 @@ def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
     if not size or not about.floors(schemes.at(float(_GRID[0])), roughly=True):
         return ()
     damping = integrator_of(_DAMPING)
-    tried: dict[str, _Schemes] = {"": schemes}
+    cures: dict[str, _Schemes] = {"": schemes}
     index_3 = schemes.formulation.method == INDEX_3
     if index_3 and not schemes.integrator.damped:
-        tried[_DAMPING] = schemes.but(integrator=damping)
+        cures[_DAMPING] = replace(schemes, integrator=damping)
     if schemes.evaluation == DIRECT and about.quadratic is not False:
-        tried["compensated"] = schemes.but(evaluation=COMPENSATED)
+        cures["compensated"] = replace(schemes, evaluation=COMPENSATED)
         if index_3 and not schemes.integrator.damped:
-            both = schemes.but(evaluation=COMPENSATED, integrator=damping)
-            tried[f"{_DAMPING}, compensated"] = both
+            both = replace(schemes, evaluation=COMPENSATED, integrator=damping)
+            cures[f"{_DAMPING}, compensated"] = both
     if not about.of_matrices:
         for name in ("index-2", "ggl", "index-1"):
             if schemes.formulation.method != name:
-                tried[f"{name} in form a-lambda"] = schemes.but(
-                    formulation=Formulation(name), form="a-lambda"
+                cures[f"{name} in form a-lambda"] = replace(
+                    schemes, formulation=Formulation(name), form="a-lambda"
                 )
     if schemes.precision == "float32":
-        tried["float64"] = schemes.but(precision="float64")
-    found = tuple(
-        Noise(cure, _crossings(partial(_of_one_step, about, tries), size),
-              _crossings(partial(_carried, about, tries), size)
-              if tries.formulation.method == INDEX_3 else {})
-        for cure, tries in tried.items()
+        cures["float64"] = replace(schemes, precision="float64")
+    noise = tuple(
+        Noise(cure, _crossings(partial(_of_one_step, about, cured), size),
+              _crossings(partial(_carried, about, cured), size)
+              if cured.formulation.method == INDEX_3 else {})
+        for cure, cured in cures.items()
     )  # fmt: skip
     if about.of_matrices or not index_3:
-        return found
+        return noise
     # A projection leaves nothing of v that a further step could carry on.
     recovered = _crossings(partial(_of_recovered, about, schemes), size)
     projected = _crossings(lambda h: about.recovered_noise(schemes.at(h).dtype), size)
-    return (*found, Noise("recovered λ", recovered, {}), Noise(_PROJECTED, projected, projected))
+    return (*noise, Noise("recovered λ", recovered, {}), Noise(_PROJECTED, projected, projected))
 
 
 def _of_recovered(about: Subject, schemes: _Schemes, h: float) -> float:
     # All forms take the same step, and v is an unknown of this one.
-    scheme = schemes.but(form="v-lambda").at(h)
-    found = [at.physical["v"] for at in about.floors(scheme, roughly=True)]
-    return about.recovered_noise(scheme.dtype, math.sqrt(np.mean(np.square(found))))
+    scheme = replace(schemes, form="v-lambda").at(h)
+    of_v = [at.physical["v"] for at in about.floors(scheme, roughly=True)]
+    return about.recovered_noise(scheme.dtype, math.sqrt(np.mean(np.square(of_v))))
 
 
 def _of_one_step(about: Subject, schemes: _Schemes, h: float) -> float:
-    found = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
-    return math.sqrt(np.mean(np.square(found)))
+    of_lambda = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
+    return math.sqrt(np.mean(np.square(of_lambda)))
 
 
 def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
@@ -497,7 +497,7 @@ def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
     if math.isinf(grown):
         return math.inf
     # The roundings that are carried on are those of Φ, and the same in every form.
-    return grown * about.multiplier_noise(schemes.but(form="u-lambda").at(h))
+    return grown * about.multiplier_noise(replace(schemes, form="u-lambda").at(h))
 
 
 def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float | None]:
@@ -588,9 +588,9 @@ def _findings(
         )
         least = min(FRACTIONS)
         if quiet := [
-            one.cure or "the scheme as it is"
-            for one in noise
-            if one.carried and one.carried[least] == one.one_step[least] == 0
+            row.cure or "the scheme as it is"
+            for row in noise
+            if row.carried and row.carried[least] == row.one_step[least] == 0
         ]:
             yield f"noise of λ stays below {least:.0%} down to h = 1e-9 with: {'; '.join(quiet)}"
         if schemes.formulation.method == INDEX_3:
@@ -605,11 +605,12 @@ def _findings(
                     f"{grown:.3g} times that, as an rms over the motion; peaks are higher"
                 )
             )
-    for found in equilibrations:
+    for scaled in equilibrations:
         yield (
-            f"h = {found.h:g}: C = {found.optimal:.3g} with the optimal scaling is not h's doing. "
-            f"{found.cause}. With a further factor for each block C = {found.with_fields:.3g}; "
-            f"with one for each row and column C = {found.with_all:.3g}"
+            f"h = {scaled.h:g}: C = {scaled.optimal:.3g} with the optimal scaling is not h's "
+            f"doing. {scaled.cause}. With a further factor for each block "
+            f"C = {scaled.with_fields:.3g}; with one for each row and column "
+            f"C = {scaled.with_all:.3g}"
         )
 
 
@@ -617,9 +618,9 @@ def _when_h_changes(schemes: _Schemes) -> Iterable[str]:
     """How long λ is off after h → h/2 where a code carries its past on, and what avoids it."""
     integrator, advance = schemes.integrator, schemes.integrator.relations(1.0).advance
     model = across(integrator, schemes.formulation, KEEP)
-    found = transient(model, 0.5)
+    error = transient(model, 0.5)
     auxiliary = TRUE_ACCELERATION in advance
-    if model.prescribed != POSITION and found.order == integrator.order:
+    if model.prescribed != POSITION and error.order == integrator.order:
         return
     cures = ["a − v' by h_new/h"] if auxiliary else []
     if model.prescribed == POSITION:
@@ -632,10 +633,10 @@ def _when_h_changes(schemes: _Schemes) -> Iterable[str]:
         cure += f"; or take ggl, index-2 or {_PROJECTED}, where v misses nothing"
     lasting = (
         "which then alternates for good"
-        if math.isinf(found.steps)
-        else f"and by a hundredth of that {found.steps:g} step{'s' * (found.steps > 1)} later"
+        if math.isinf(error.steps)
+        else f"and by a hundredth of that {error.steps:g} step{'s' * (error.steps > 1)} later"
     )
-    size, unit = f"{found.size:.2g}", ("u″", "h u‴")[found.order]
+    size, unit = f"{error.size:.2g}", ("u″", "h u‴")[error.order]
     yield (
         f"when your code changes h, λ loses an order: after h → h/2 it is off by up to {size} "
         f"(GᵀM⁻¹G)⁻¹ Gᵀ {unit} within 40 steps, {lasting}. To keep the order multiply {cure}"

@@ -120,8 +120,8 @@ class DaeAdvice:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain mappings, lists, numbers and text."""
-        found: dict[str, Any] = plain(asdict(self))
-        return found
+        values: dict[str, Any] = plain(asdict(self))
+        return values
 
     def __str__(self) -> str:
         ranges = [
@@ -243,11 +243,11 @@ def _looked_at(
     problem = states[0]
     u, v = (np.array([getattr(at, name) for at in states]) for name in ("u0", "v0"))
     moved, speed = _largest(problem, u - u[0]), _largest(problem, v)
-    found = [Index1(at).accelerations(at.t0, at.u0, at.v0)[1] for at in states]
-    of_lambda = _not_small(np.sqrt(np.mean(np.square(found), axis=0)))
+    multipliers = [Index1(at).accelerations(at.t0, at.u0, at.v0)[1] for at in states]
+    of_lambda = _not_small(np.sqrt(np.mean(np.square(multipliers), axis=0)))
     squares = [_squares(at, moved, speed) for at in states]
     *rounding, twice, in_impulse, in_eta, in_twice = (
-        np.sqrt(np.max(each, axis=0)) for each in zip(*squares, strict=True)
+        np.sqrt(np.max(samples, axis=0)) for samples in zip(*squares, strict=True)
     )
     amplified = {
         -1: (_norm(in_impulse / of_lambda), _norm(rounding[2] / of_lambda)),
@@ -274,18 +274,18 @@ def _squares(at: Problem, moved: Array, speed: Array) -> tuple[Array, ...]:
     changes = Index1(at).changes(at.t0, at.u0)
     (in_v, in_impulse), (_, by_of_v) = changes(phi_1), changes(of_v)
     eta, by_of_u = (np.linalg.solve(gradient.T @ gradient, x) for x in (phi, of_u))
-    each = (gradient @ eta + units[0][:, None], in_v + units[1][:, None], in_impulse, eta,
+    errors = (gradient @ eta + units[0][:, None], in_v + units[1][:, None], in_impulse, eta,
             changes(phi)[1], by_of_v, by_of_u, changes(of_u)[1])  # fmt: skip
-    return tuple(np.mean(np.square(x), axis=1) for x in each)
+    return tuple(np.mean(np.square(x), axis=1) for x in errors)
 
 
 def _largest(problem: Problem, values: Array) -> Array:
     """(n,) largest of (states, n), of a point's length where a coordinate belongs to one."""
-    found, axes = np.abs(values), len(problem.axes)
+    sizes, axes = np.abs(values), len(problem.axes)
     k = len(problem.points) * axes
     lengths = np.linalg.norm(values[:, :k].reshape(len(values), -1, axes), axis=2)
-    found[:, :k] = np.repeat(lengths, axes, axis=1)
-    return _not_small(np.max(found, axis=0))
+    sizes[:, :k] = np.repeat(lengths, axes, axis=1)
+    return _not_small(np.max(sizes, axis=0))
 
 
 def _not_small(sizes: Array) -> Array:

@@ -58,13 +58,13 @@ class Tests:
         Raises:
             ArgumentError: When they cannot be used.
         """
-        given = tolerance if isinstance(tolerance, Mapping) else {ALL: tolerance}
+        by_unknown = tolerance if isinstance(tolerance, Mapping) else {ALL: tolerance}
         allowed = (*unknowns, ALL)
         tolerances = {
             arguments.one_of("name in tolerance", name, allowed): arguments.positive(
                 f"tolerance of {name}" if name != ALL else "tolerance", value
             )
-            for name, value in given.items()
+            for name, value in by_unknown.items()
             if value is not None
         }
         arguments.one_of("tested", tested, TESTED)
@@ -84,8 +84,8 @@ def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) ->
         scheme: Whose floors they are.
     """
     names = scheme.form.solved if unknown == ALL else (unknown,)
-    found: list[Mapping[str, float]] = [getattr(floor, kind) for floor in floors]
-    return float(np.max([math.hypot(*(of[name] for name in names)) for of in found]))
+    at_states: list[Mapping[str, float]] = [getattr(floor, kind) for floor in floors]
+    return float(np.max([math.hypot(*(of[name] for name in names)) for of in at_states]))
 
 
 def diagnosed(
@@ -123,7 +123,7 @@ def _of_correction(
     floors: Mapping[float, Sequence[Floor]],
 ) -> str:
     name = "all unknowns" if unknown == ALL else _SYMBOLS.get(unknown, unknown)
-    reached = {h: largest(found, unknown, tested, schemes[h]) for h, found in floors.items()}
+    reached = {h: largest(of, unknown, tested, schemes[h]) for h, of in floors.items()}
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
     reached = {h: size for h, size in reached.items() if not math.isnan(size)}
     if not reached:
@@ -176,13 +176,13 @@ def _residuals(about: Subject, schemes: Mapping[float, Scheme]) -> dict[float, t
 
     Each term of a row is rounded twice: by itself, and against what the past adds to it.
     """
-    found = {}
+    left_over = {}
     for h, scheme in schemes.items():
         terms = about.jacobian(scheme, typical=True) * about.unknowns(scheme)
         sizes = ROUNDING * np.finfo(scheme.dtype).eps * np.sqrt(2 * np.sum(terms**2, axis=1))
         left, _ = scaling_factors(scheme, about.n, about.m)
-        found[h] = float(np.linalg.norm(sizes)), float(np.linalg.norm(left * sizes))
-    return found
+        left_over[h] = float(np.linalg.norm(sizes)), float(np.linalg.norm(left * sizes))
+    return left_over
 
 
 def _enough(reached: Mapping[float, float]) -> float:

@@ -17,7 +17,7 @@ from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import form_orders
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, Scaling, named_scaling
+from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.support import matrices
 from newmark_cli.support.arrays import Array
@@ -81,8 +81,8 @@ class JacobianAdvice:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain mappings, lists, numbers and text."""
-        found: dict[str, Any] = plain(asdict(self))
-        return found
+        values: dict[str, Any] = plain(asdict(self))
+        return values
 
     def __str__(self) -> str:
         sizes = ", ".join(f"{name} = {size}" for name, size in self.blocks.items())
@@ -151,91 +151,91 @@ def advise_jacobian(
         >>> advice.found, advice.measured, advice.right["lambda"]
         ('left', True, '1/(beta*h^2)')
     """
-    several, named, steps = _given(jacobian, h)
+    jacobians, file_blocks, steps = _matrices_and_steps(jacobian, h)
     method = integrator_or_newmark(beta, gamma, integrator)
-    form, sizes = _blocks(blocks if blocks is not None else named)
+    form, sizes = _blocks(blocks if blocks is not None else file_blocks)
     counts = [sizes[name] for name in form.unknowns]
-    for where, matrix in several.items():
+    for where, matrix in jacobians.items():
         if matrix.shape != (sum(counts), sum(counts)):
-            given = " by ".join(map(str, matrix.shape))
+            shape = " by ".join(map(str, matrix.shape))
             raise MatrixError(
-                f"{where} must be {sum(counts)} by {sum(counts)}, as its blocks are, given {given}"
+                f"{where} must be {sum(counts)} by {sum(counts)}, as its blocks are, given {shape}"
             )
-        several[where] = within_range(matrix, where)
-        if _is_inverse(several[where], counts):
+        jacobians[where] = within_range(matrix, where)
+        if _is_inverse(jacobians[where], counts):
             raise MatrixError(
                 f"{where} is the inverse of a Jacobian: its own inverse has zeros in row C, column "
                 "lambda; give the Jacobian: invert it, or export it before it is factorized"
             )
     schemes = [Scheme(method, form, named_scaling("optimal", form), step) for step in steps]
-    cut = [_cut(matrix, counts) for matrix in several.values()]
+    cut = [_cut(matrix, counts) for matrix in jacobians.values()]
     measured = len(set(steps)) > 1
     implied: dict[str, dict[str, float]] = {}
     orders: dict[str, dict[str, float]] = {}
     if measured:
-        found, orders, powers = _measured(form, cut, steps)
+        variant, orders, powers = _measured(form, cut, steps)
     else:
         implied = _fitting(cut[0], schemes[0])
-        found, powers = _likeliest(implied), None
-    left, right = _formulas(form, found, powers, cut[-1])
+        variant, powers = _likeliest(implied), None
+    left, right = _formulas(form, variant, powers, cut[-1])
     factors = [_factors(form, left, right, method, step, counts) for step in steps]
     condition, balanced = zip(
         *(
             _conditions(matrix, counts, *both)
-            for matrix, both in zip(several.values(), factors, strict=True)
+            for matrix, both in zip(jacobians.values(), factors, strict=True)
         ),
         strict=True,
     )
-    further = _further(list(several.values())[-1], counts, factors[-1], balanced[-1])
-    findings = (*_findings(found, measured, implied, condition, balanced), *further)
+    further = _further(list(jacobians.values())[-1], counts, factors[-1], balanced[-1])
+    findings = (*_findings(variant, measured, implied, condition, balanced), *further)
     return JacobianAdvice(
-        form.name, sizes, tuple(steps), found, measured, implied, orders, left, right,
+        form.name, sizes, tuple(steps), variant, measured, implied, orders, left, right,
         condition, balanced, findings,
     )  # fmt: skip
 
 
-def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[float]]:
+def _matrices_and_steps(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[float]]:
     """Name → matrix, the blocks that a file names, and the step sizes."""
     jacobian = [Path(jacobian)] if isinstance(jacobian, str | Path) else _dense(jacobian)
     if not isinstance(jacobian, np.ndarray) and isinstance(jacobian, Iterable):
-        jacobian = [_dense(one) for one in jacobian]
+        jacobian = [_dense(item) for item in jacobian]
     if not isinstance(jacobian, list | np.ndarray) or getattr(jacobian, "ndim", 1) == 0:
         raise ArgumentError("jacobian must be a matrix, several of them, or paths of files")
-    if len(jacobian) and all(isinstance(one, str | Path) for one in jacobian):
-        several, named, steps = _of_files(jacobian)
+    if len(jacobian) and all(isinstance(item, str | Path) for item in jacobian):
+        jacobians, file_blocks, steps = _of_files(jacobian)
     else:
-        several, named, steps = _of_matrices(jacobian), None, []
+        jacobians, file_blocks, steps = _of_matrices(jacobian), None, []
     if h is not None:
         steps = np.reshape(h, -1).tolist() if isinstance(h, np.ndarray) else h
         steps = list(steps) if isinstance(steps, list | tuple) else [steps]
     if len(steps) == 1:
-        steps *= len(several)
-    if len(steps) != len(several):
+        steps *= len(jacobians)
+    if len(steps) != len(jacobians):
         raise ArgumentError(
-            f"h: one step size for each Jacobian: {len(several)}, given {len(steps)}"
+            f"h: one step size for each Jacobian: {len(jacobians)}, given {len(steps)}"
         )
-    if max(matrix.shape[0] for matrix in several.values()) > MOST_UNKNOWNS:
+    if max(matrix.shape[0] for matrix in jacobians.values()) > MOST_UNKNOWNS:
         raise ArgumentError(f"jacobian: at most {MOST_UNKNOWNS} rows")
-    return several, named, [arguments.step_size(step) for step in steps]
+    return jacobians, file_blocks, [arguments.step_size(step) for step in steps]
 
 
-def _dense(given: Any) -> Any:
+def _dense(matrix: Any) -> Any:
     """A sparse matrix as an array; anything else as it is."""
-    return given.toarray() if callable(getattr(given, "toarray", None)) else given
+    return matrix.toarray() if callable(getattr(matrix, "toarray", None)) else matrix
 
 
 def _of_files(paths: Iterable[Any]) -> tuple[dict[str, Array], str | None, list[Any]]:
-    several: dict[str, Array] = {}
-    named: str | None = None
+    jacobians: dict[str, Array] = {}
+    blocks: str | None = None
     steps: list[Any] = []
-    for one in paths:
-        found = matrices.read(Path(one), ("J", "h"), dimensions=(0, 1, 2, 3))
-        if "J" not in found:
-            raise MatrixError(f"{one}: J is missing")
-        named = named or matrices.text_of(Path(one), "blocks")
-        steps += found.get("h", np.empty(0)).reshape(-1).tolist()
-        several |= _apart(found["J"], str(one))
-    return several, named, steps
+    for path in paths:
+        arrays = matrices.read(Path(path), ("J", "h"), dimensions=(0, 1, 2, 3))
+        if "J" not in arrays:
+            raise MatrixError(f"{path}: J is missing")
+        blocks = blocks or matrices.text_of(Path(path), "blocks")
+        steps += arrays.get("h", np.empty(0)).reshape(-1).tolist()
+        jacobians |= _apart(arrays["J"], str(path))
+    return jacobians, blocks, steps
 
 
 def _of_matrices(jacobian: Any) -> dict[str, Array]:
@@ -244,7 +244,7 @@ def _of_matrices(jacobian: Any) -> dict[str, Array]:
     if not stacked and np.ndim(jacobian[0] if len(jacobian) else 0) < 2:
         return {"jacobian": matrices.array_of(jacobian, "jacobian")}
     names = [f"jacobian {place + 1}" for place in range(len(jacobian))]
-    return {name: matrices.array_of(one, name) for name, one in zip(names, jacobian, strict=True)}
+    return dict(zip(names, map(matrices.array_of, jacobian, names), strict=True))
 
 
 def _apart(array: Array, where: str) -> dict[str, Array]:
@@ -253,25 +253,25 @@ def _apart(array: Array, where: str) -> dict[str, Array]:
     return {f"{where}: J": array}
 
 
-def _blocks(given: Any) -> tuple[Form, dict[str, int]]:
+def _blocks(blocks: Any) -> tuple[Form, dict[str, int]]:
     """The form and the sizes of its unknowns from names and sizes of blocks."""
-    if given is None:
+    if blocks is None:
         raise ArgumentError("blocks: give names and sizes of the unknowns, such as u=8,lambda=7")
-    if isinstance(given, str):
-        pairs = [part.partition("=") for part in given.split(",")]
+    if isinstance(blocks, str):
+        pairs = [part.partition("=") for part in blocks.split(",")]
         try:
-            read = [(name.strip(), int(size)) for name, _, size in pairs]
+            counts = [(name.strip(), int(size)) for name, _, size in pairs]
         except ValueError:
             raise ArgumentError(
                 "blocks must be names and sizes such as u=8,lambda=7, given "
-                f"{arguments.shown(given)}"
+                f"{arguments.shown(blocks)}"
             ) from None
-        if len(dict(read)) < len(read):
-            raise ArgumentError(f"blocks: a name is there twice, given {arguments.shown(given)}")
-        given = dict(read)
-    if not isinstance(given, Mapping):
-        raise ArgumentError(f"blocks must be a mapping of names to sizes, given {given!r}")
-    sizes = {str(name): arguments.count(f"blocks: {name}", n, 1) for name, n in given.items()}
+        if len(dict(counts)) < len(counts):
+            raise ArgumentError(f"blocks: a name is there twice, given {arguments.shown(blocks)}")
+        blocks = dict(counts)
+    if not isinstance(blocks, Mapping):
+        raise ArgumentError(f"blocks must be a mapping of names to sizes, given {blocks!r}")
+    sizes = {str(name): arguments.count(f"blocks: {name}", n, 1) for name, n in blocks.items()}
     form = next((form for form in FORMS.values() if form.unknowns == tuple(sizes)), None)
     if form is None:
         allowed = "; ".join(",".join(form.unknowns) for form in FORMS.values())
@@ -292,7 +292,7 @@ def _cut(matrix: Array, counts: Sequence[int]) -> list[list[Array]]:
 
 
 def _is_inverse(matrix: Array, counts: Sequence[int]) -> bool:
-    """Whether J⁻¹ is given: it is dense where J has zeros, row C and column λ, and J is not.
+    """Whether this is J⁻¹: it is dense where J has zeros, row C and column λ, and J is not.
 
     False where the matrix is too ill-conditioned, with blocks of one size, to tell.
     """
@@ -322,7 +322,7 @@ def _fitting(blocks: list[list[Array]], scheme: Scheme) -> dict[str, dict[str, f
     """
     form, elimination = scheme.form, scheme.elimination
     symbols = scheme.symbols
-    found = {}
+    implied = {}
     for name in PAPER_VARIANTS:
         scaling = named_scaling(name, form)
         plain_blocks = [
@@ -343,14 +343,14 @@ def _fitting(blocks: list[list[Array]], scheme: Scheme) -> dict[str, dict[str, f
             for k, block in enumerate(of_row)
         ]
         if all(_equal(*pair) for pair in pairs):
-            found[name] = {"M": _mass(plain_blocks[0], scheme), "G": _size(gradient)}
-    return found
+            implied[name] = {"M": _mass(plain_blocks[0], scheme), "G": _size(gradient)}
+    return implied
 
 
-def _equal(found: Array, expected: Array) -> bool:
+def _equal(block: Array, expected: Array) -> bool:
     """Equal but for a sign, which codes choose as they like."""
-    apart = min(_size(found - expected), _size(found + expected))
-    return apart <= _EQUAL * max(_size(found), _size(expected))
+    apart = min(_size(block - expected), _size(block + expected))
+    return apart <= _EQUAL * max(_size(block), _size(expected))
 
 
 def _size(block: Array) -> float:
@@ -388,7 +388,7 @@ def _measured(
     orders = np.log(ratio) / math.log(steps[first] / steps[last])
     expected = form_orders(form).jacobian
     there &= np.isfinite(expected)
-    named = {
+    block_orders = {
         row: {name: float(orders[i, j]) for j, name in enumerate(form.unknowns) if there[i, j]}
         for i, row in enumerate(form.rows)
     }
@@ -409,17 +409,20 @@ def _measured(
     system[-1, size - 1] = 1
     wanted = np.append((orders - np.where(there, expected, 0))[there], 0.0)
     powers = np.linalg.lstsq(system, wanted, rcond=None)[0]
-    found = best if misfits[best] < _NEAR else OTHER
-    return found, named, (np.rint(powers[:size]), np.rint(powers[size:]))
+    return (
+        best if misfits[best] < _NEAR else OTHER,
+        block_orders,
+        (np.rint(powers[:size]), np.rint(powers[size:])),
+    )
 
 
 def _formulas(
-    form: Form, found: str, powers: tuple[Array, Array] | None, blocks: list[list[Array]]
+    form: Form, variant: str, powers: tuple[Array, Array] | None, blocks: list[list[Array]]
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Factors from the scaling that is in the blocks to the optimal one."""
     optimal = named_scaling("optimal", form)
-    if found != OTHER:
-        present: Scaling = named_scaling(found, form)
+    if variant != OTHER:
+        present = named_scaling(variant, form)
         return (
             {row: str(factor * present.left[row] ** -1) for row, factor in optimal.left.items()},
             {
@@ -487,7 +490,7 @@ def _further(
 
 
 def _findings(
-    found: str,
+    variant: str,
     measured: bool,
     implied: Mapping[str, Mapping[str, float]],
     condition: Sequence[float],
@@ -497,7 +500,7 @@ def _findings(
         yield "a Jacobian is singular to rounding: constraints are redundant, or a row is zero"
         return
     if measured:
-        yield f"the scaling in it is {found}: the orders of its blocks in h are measured"
+        yield f"the scaling in it is {variant}: the orders of its blocks in h are measured"
     elif not implied:
         yield (
             "the scaling in it is not one of the four: its blocks of G and Gᵀ do not fit. The "
@@ -511,7 +514,7 @@ def _findings(
         )
         only = "its blocks fit no other" if len(implied) == 1 else sizes
         yield (
-            f"the scaling in it is {found}, inferred from one Jacobian: {only}"
+            f"the scaling in it is {variant}, inferred from one Jacobian: {only}"
             + ("" if len(implied) == 1 else ". A second Jacobian at another h would tell")
         )
     gain = condition[-1] / balanced[-1]

@@ -30,7 +30,7 @@ from newmark_cli.support.errors import ArgumentError, InputError
 
 #: Names of the matrices and vectors that a file or a dict may have.
 NAMES = ("M", "G", "X", "Y", "u", "v", "a", "lambda")
-#: Those that are vectors, of a single number where n or m is 1.
+#: The vectors among them; single numbers where n or m is 1.
 _VECTORS = ("u", "v", "a", "lambda")
 #: Most unknowns n + m whose condition numbers are computed.
 MOST_UNKNOWNS = 1_500
@@ -38,17 +38,16 @@ MOST_UNKNOWNS = 1_500
 _MOST_MARCHED = 300
 #: Stretches of the motion between states, and steps in each.
 _STATES, _STEPS_BETWEEN = 15, 40
-#: Times in which a problem moves by its own size that are looked at: most have then
-#: been in the positions that are the worst for rounding.
+#: Times its own size that a problem moves while it is looked at: most have then passed the
+#: positions that are worst for rounding.
 _MOTIONS = 3
-#: Largest size of an entry of a matrix, and the reciprocal of the smallest that is the largest
-#: of a row or column.
+#: Largest entry of a matrix; the largest of a row or column is 0, or its reciprocal at least.
 _FARTHEST = 1e60
-#: Entries that are smaller than the largest of their row and of their column by this are zeros.
+#: Entries below this times the largest of their row and of their column count as zeros.
 _NOTHING = 1e-40
 #: Draws of the rounding errors at each state, for a floor and for one that is only compared.
 _SAMPLES, _ROUGHLY = 8, 2
-#: Times as many where there is one state, and one in so many states for what is only compared.
+#: Factor on draws where there is one state; stride over states for what is only compared.
 _ALONE = 4
 #: Multiple of a rounding whose effect is looked at.
 _AMPLIFIED = 1024.0
@@ -68,7 +67,7 @@ class Subject:
         states: The same with other starts: the states.
         where: Which states these are, in words.
         notes: What was assumed.
-        given: Accelerations and multipliers at the states, where they are given and not computed.
+        known: Accelerations and multipliers at the states; computed where empty.
         has_state: Whether a state is known.
         of_matrices: Whether matrices are all that is known: neither whether Φ is quadratic, nor
             the rate of G, which other formulations than index 3 need.
@@ -78,7 +77,7 @@ class Subject:
     states: Sequence[Problem]
     where: str
     notes: Sequence[str]
-    given: Sequence[tuple[Array, Array]] = ()
+    known: Sequence[tuple[Array, Array]] = ()
     has_state: bool = True
     of_matrices: bool = False
 
@@ -104,14 +103,14 @@ class Subject:
 
     @cached_property
     def _accelerations(self) -> Sequence[tuple[Array, Array]]:
-        return self.given or [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
+        return self.known or [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
 
     @property
     def multipliers(self) -> float | None:
         """Root mean square of ‖λ‖ over the states; None without one."""
         if not self.has_state:
             return None
-        return math.sqrt(np.mean([np.sum(found**2) for _, found in self._accelerations]))
+        return math.sqrt(np.mean([np.sum(x**2) for _, x in self._accelerations]))
 
     @property
     def terms(self) -> tuple[Array, Array, Array, Array]:
@@ -123,7 +122,7 @@ class Subject:
     @cached_property
     def _typical(self) -> int:
         """State where ‖λ‖ is nearest to its root mean square."""
-        sizes = [np.linalg.norm(found) for _, found in self._accelerations]
+        sizes = [np.linalg.norm(x) for _, x in self._accelerations]
         return int(np.argmin(np.abs(np.array(sizes) - (self.multipliers or 0.0))))
 
     def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
@@ -147,7 +146,7 @@ class Subject:
 
     def multiplier_noise(self, scheme: Scheme) -> float:
         """Rms over the states of the noise of ‖λ‖ in one step of the (u, λ) form."""
-        each = [
+        noise = [
             multiplier_noise(
                 self._jacobian(scheme, place),
                 scheme,
@@ -155,7 +154,7 @@ class Subject:
             )
             for place, at in enumerate(self.states)
         ]
-        return math.sqrt(np.mean(np.square(each)))
+        return math.sqrt(np.mean(np.square(noise)))
 
     def recovered_noise(self, dtype: type[np.floating[Any]], of_v: float = 0.0) -> float:
         """Rms over the states of the noise of ‖λ‖ that the index-1 equations give from u and v.
@@ -174,8 +173,8 @@ class Subject:
                     for x in (at.u0, at.v0)
                 ]
                 off[1] += _AMPLIFIED * of_v * random.normal(size=self.n) / math.sqrt(self.n)
-                found = system.accelerations(at.t0, at.u0 + off[0], at.v0 + off[1])[1]
-                squares.append(np.sum((found - multipliers) ** 2) / _AMPLIFIED**2)
+                recovered = system.accelerations(at.t0, at.u0 + off[0], at.v0 + off[1])[1]
+                squares.append(np.sum((recovered - multipliers) ** 2) / _AMPLIFIED**2)
         return math.sqrt(np.mean(squares))
 
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
@@ -190,9 +189,9 @@ class Subject:
 
     def _start(self, at: Problem, scheme: Scheme) -> State:
         """The state in which a march of the scheme would begin."""
-        if not self.given:
+        if not self.known:
             return initial_state(at, scheme)
-        ((a, multipliers),) = self.given
+        ((a, multipliers),) = self.known
         fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.m)
         past = scheme.relations.start @ fields[:3]
         parts = (fields, past, multipliers, np.zeros((2, self.n)), none, none, none)
@@ -227,11 +226,11 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
         )
 
 
-def subject_of(given: Any, t_end: float | None = None, motions: int = _MOTIONS) -> Subject:
+def subject_of(source: Any, t_end: float | None = None, motions: int = _MOTIONS) -> Subject:
     """Find the subject of advice, from whatever describes it.
 
     Args:
-        given: What `problem` takes; a path of matrices; a mapping with M and G.
+        source: What `problem` takes; a path of matrices; a mapping with M and G.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
         motions: Times that time that are looked at then.
@@ -239,11 +238,11 @@ def subject_of(given: Any, t_end: float | None = None, motions: int = _MOTIONS) 
     Raises:
         ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
     """
-    if isinstance(given, Mapping) and {"M", "G"} & given.keys():
-        return of_matrices(given, "matrices")
-    if isinstance(given, str | Path) and is_path_of_matrices(Path(given)):
-        return of_matrices(matrices.read(Path(given), NAMES), str(given))
-    return _of_problem(problem_of(given), t_end, motions)
+    if isinstance(source, Mapping) and {"M", "G"} & source.keys():
+        return of_matrices(source, "matrices")
+    if isinstance(source, str | Path) and is_path_of_matrices(Path(source)):
+        return of_matrices(matrices.read(Path(source), NAMES), str(source))
+    return _of_problem(problem_of(source), t_end, motions)
 
 
 def is_path_of_matrices(path: Path) -> bool:
@@ -251,21 +250,20 @@ def is_path_of_matrices(path: Path) -> bool:
     return path.suffix.lower() in (".npz", ".mtx") or path.is_dir()
 
 
-def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
+def of_matrices(values: Mapping[str, Any], where: str) -> Subject:
     """Matrices of the equations of motion by their names; see `NAMES`.
 
     Args:
-        given: M (n, n) and G (n, m); X, Y (n, n), 0 if omitted; the state u, v, a (n,),
+        values: M (n, n) and G (n, m); X, Y (n, n), 0 if omitted; the state u, v, a (n,),
             lambda (m,) or none of them.
         where: What errors begin with, such as the file.
 
     Raises:
         MatrixError: When a matrix is missing or cannot be used.
     """
-    found = _sound(given, where)
-    state = ("u", "v", "a", "lambda")
-    missing = [name for name in state if name not in found]
-    if missing and len(missing) < len(state):
+    arrays = _sound(values, where)
+    missing = [name for name in _VECTORS if name not in arrays]
+    if missing and len(missing) < len(_VECTORS):
         raise matrices.MatrixError(
             f"{where}: of the state {', '.join(missing)} is missing; give all of u, v, a, lambda "
             "or none"
@@ -273,14 +271,13 @@ def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
     notes = [
         f"{name} is not given and taken to be 0: {what} is not part of this advice"
         for name, what in (("X", "stiffness"), ("Y", "damping"))
-        if name not in found
+        if name not in arrays
     ]
     if missing:
         notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
-    shapes = _shapes(*found["G"].shape)
+    shapes = _shapes(*arrays["G"].shape)
     mass, gradient, x, y, u, v, a, multipliers = (
-        found.get(name, np.zeros(shapes.get(name, ())))
-        for name in ("M", "G", "X", "Y", "u", "v", "a", "lambda")
+        arrays.get(name, np.zeros(shapes.get(name, ()))) for name in NAMES
     )
     problem = linear_problem(where, (mass, x, y, gradient), (u, v, a, multipliers))
     at = "without a state" if missing else "at the state given"
@@ -291,41 +288,43 @@ def of_matrices(given: Mapping[str, Any], where: str) -> Subject:
 
 def _shapes(n: int, m: int) -> dict[str, tuple[int, ...]]:
     """Shapes of what may be omitted, and of G."""
-    vectors: dict[str, tuple[int, ...]] = dict.fromkeys(("u", "v", "a"), (n,))
-    return {"G": (n, m), "X": (n, n), "Y": (n, n), **vectors, "lambda": (m,)}
+    square, vector = (n, n), (n,)
+    return {
+        "G": (n, m), "X": square, "Y": square, "u": vector, "v": vector, "a": vector, "lambda": (m,)
+    }  # fmt: skip
 
 
-def _sound(given: Mapping[str, Any], where: str) -> dict[str, Array]:
-    """The matrices and vectors that are given, in their shapes."""
-    found = {
+def _sound(values: Mapping[str, Any], where: str) -> dict[str, Array]:
+    """The matrices and vectors in their shapes."""
+    arrays = {
         name: within_range(
             matrices.array_of(
-                given[name], f"{where}: {name}", (0, 1, 2) if name in _VECTORS else (1, 2)
+                values[name], f"{where}: {name}", (0, 1, 2) if name in _VECTORS else (1, 2)
             ),
             f"{where}: {name}",
         )
         for name in NAMES
-        if name in given
+        if name in values
     }
     for name in ("M", "G"):
-        if name not in found:
+        if name not in arrays:
             raise matrices.MatrixError(f"{where}: {name} is missing; needed: M, G")
-    mass, gradient = found["M"], found["G"]
+    mass, gradient = arrays["M"], arrays["G"]
     if mass.ndim != 2 or mass.shape[0] != mass.shape[1]:
         shape = " by ".join(map(str, mass.shape))
         raise matrices.MatrixError(f"{where}: M must be square, given {shape}")
     n = len(mass)
     if gradient.ndim == 1:  # a single constraint
-        gradient = found["G"] = gradient[:, None]
+        gradient = arrays["G"] = gradient[:, None]
     if gradient.shape[0] != n == gradient.shape[1]:
         raise matrices.MatrixError(
             f"{where}: G must have a row for each of the {n} coordinates, given "
             f"{gradient.shape[0]} by {n}; give its transpose"
         )
-    found |= {name: array.reshape(-1) for name, array in found.items() if name in _VECTORS}
-    matrices.require_shapes(found, _shapes(n, gradient.shape[1]), where)
+    arrays |= {name: array.reshape(-1) for name, array in arrays.items() if name in _VECTORS}
+    matrices.require_shapes(arrays, _shapes(n, gradient.shape[1]), where)
     _require_usable(mass, gradient, where)
-    return found
+    return arrays
 
 
 def within_range(array: Array, where: str) -> Array:
@@ -420,11 +419,11 @@ def _time_of_a_motion(problem: Problem) -> float:
     Or the accelerations of forces that come later: what begins at rest may have a motor.
     """
     size, speed = np.linalg.norm(problem.u0), np.linalg.norm(problem.v0)
-    of = Index1(problem)
+    index_1 = Index1(problem)
     with np.errstate(divide="ignore"):
         times = [float(size / speed)]
         for later in _LATER:
-            a, _ = of.accelerations(problem.t0 + later, problem.u0, problem.v0)
+            a, _ = index_1.accelerations(problem.t0 + later, problem.u0, problem.v0)
             times.append(max(later, float(np.sqrt(2 * size / np.linalg.norm(a)))))
-    found = min(times)
-    return found if found < _AT_REST else math.inf
+    time = min(times)
+    return time if time < _AT_REST else math.inf

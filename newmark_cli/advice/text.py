@@ -87,13 +87,13 @@ def _tolerance_rows(advice: "Advice") -> list[list[str]]:
         ["h", "unknown", *(f"{p}, {kind}" for p in PRECISIONS for kind in ("scaled", "physical"))]
     ]
     grouped: dict[tuple[float, str], dict[str, Smallest]] = {}
-    for one in advice.tolerances:
-        grouped.setdefault((one.h, one.unknown), {})[one.precision] = one
-    for (h, unknown), found in grouped.items():
+    for smallest in advice.tolerances:
+        grouped.setdefault((smallest.h, smallest.unknown), {})[smallest.precision] = smallest
+    for (h, unknown), by_precision in grouped.items():
         row = [f"{h:g}", unknown]
         for precision in PRECISIONS:
-            one = found[precision]
-            row += ["" if size is None else _size(size) for size in (one.scaled, one.physical)]
+            sizes = by_precision[precision].scaled, by_precision[precision].physical
+            row += ["" if size is None else _size(size) for size in sizes]
         rows.append(row)
     return rows
 
