@@ -156,23 +156,23 @@ def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _tables(folder: Path, found: Sequence[Slope]) -> list[Report]:
+def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
     """Tables that configs define, Tables 1 and 2 of the paper among them."""
-    made = []
-    for study in dict.fromkeys(slope.study for slope in found):
-        ours = [slope for slope in found if slope.study == study]
+    reports = []
+    for study in dict.fromkeys(slope.study for slope in series):
+        ours = [slope for slope in series if slope.study == study]
         if study == paper_tables.STUDY:
-            made += paper_tables.reports(ours)
+            reports += paper_tables.reports(ours)
         else:
             layouts = study_tables.defined(folder, study)
-            made += [study_tables.report(ours, layout) for layout in layouts]
-    return [each for each in made if each.tables]
+            reports += [study_tables.report(ours, layout) for layout in layouts]
+    return [report for report in reports if report.tables]
 
 
-def _cures(found: Results) -> list[Report]:
+def _cures(results: Results) -> list[Report]:
     """Which cure cures what; none without results of the study."""
     try:
-        return [cures.report(cures.build(found))]
+        return [cures.report(cures.build(results))]
     except ResultsError:
         return []
 

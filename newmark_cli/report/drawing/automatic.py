@@ -280,9 +280,9 @@ def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence
 
 def _panel(definition: Definition, axis: str, value: str, titles: Mapping[str, str]) -> str:
     """A value that tells panels apart: by its label, a mechanism without one by its title."""
-    given = label_of(definition, axis, value)
-    own = axis == "problem" and given == value_text(axis, value)
-    return titles.get(value, given) if own else given
+    label = label_of(definition, axis, value)
+    own = axis == "problem" and label == value_text(axis, value)
+    return titles.get(value, label) if own else label
 
 
 def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str, str]) -> str:

@@ -44,9 +44,9 @@ def drawn(
         drawing = Figure(figsize=(width, height or 1 + 3 * rows), layout="constrained")
         # Of a figure with a legend below it labels that panels share would stand in the legend.
         inner: Any = drawing.subfigures()
-        every = inner.subplots(rows, columns, squeeze=False, sharex=sheet.share_x).ravel()
-        grid = list(every[: len(sheet.panels)])
-        for axes in every[len(grid) :]:
+        subplots = inner.subplots(rows, columns, squeeze=False, sharex=sheet.share_x).ravel()
+        grid = list(subplots[: len(sheet.panels)])
+        for axes in subplots[len(grid) :]:
             axes.remove()
         # Colours of a style of one's own stand for those of the project.
         own = "axes.prop_cycle" in {**sheet.settings, **settings}
@@ -70,12 +70,12 @@ def drawn(
         try:
             _lay_out(drawing, grid, sheet, height)
         except UserWarning:
-            given = f"{width:g}" + (f"x{height:g}" if height else "")
-            told = f"a figure of {given} inches has no room for its panels, labels and legend"
+            inches = f"{width:g}" + (f"x{height:g}" if height else "")
+            message = f"a figure of {inches} inches has no room for its panels, labels and legend"
             if height is not None:
                 needed = drawn(sheet, (width, None), settings).get_figheight()
-                told += f"; '--size {width:g}' makes it {needed:.1f} inches tall"
-            raise InputError(told) from None
+                message += f"; '--size {width:g}' makes it {needed:.1f} inches tall"
+            raise InputError(message) from None
         for axes, panel in zip(grid, sheet.panels, strict=True):
             _write_orders(axes, panel)
     return drawing
@@ -255,8 +255,8 @@ def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[t
         orders = ", ".join(lines[order] for order in sorted(lines))
         levels[f"predicted: {orders}"] = next(iter(predicted.values()))
     blocks = [
-        [*[(f"{plain(name)}:", _BLANK)] * (len(groups) > 1), *some.items()]
-        for name, some in groups.items()
+        [*[(f"{plain(name)}:", _BLANK)] * (len(groups) > 1), *handles.items()]
+        for name, handles in groups.items()
     ] or [[]]
     blocks[-1] += levels.items()
     return blocks
@@ -413,10 +413,10 @@ def _is_grid(sheet: Sheet) -> bool:
         sheet.columns > 1
         and len(titles) > sheet.columns
         and all(
-            len(own) == 2
-            and own[0] == titles[place - place % sheet.columns][0]
-            and own[1] == titles[place % sheet.columns][1]
-            for place, own in enumerate(titles)
+            len(pair) == 2
+            and pair[0] == titles[place - place % sheet.columns][0]
+            and pair[1] == titles[place % sheet.columns][1]
+            for place, pair in enumerate(titles)
         )
     )
 

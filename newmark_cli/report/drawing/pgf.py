@@ -60,10 +60,10 @@ class _Renderer(backend_pgf.RendererPgf):
         other: Any = RendererAgg
         return other(1, 1, self.dpi).get_text_width_height_descent(s, prop, ismath)
 
-    def draw_text(self, gc: Any, x: Any, y: Any, s: str, *given: Any, **named: Any) -> None:
+    def draw_text(self, gc: Any, x: Any, y: Any, s: str, *args: Any, **kwargs: Any) -> None:
         """Write a text, as LaTeX prints it."""
         draw: Any = super().draw_text
-        draw(gc, x, y, latex(s), *given, **named)
+        draw(gc, x, y, latex(s), *args, **kwargs)
 
 
 def written(figure: Figure) -> bytes:

@@ -1,6 +1,6 @@
 """From the results folder to figures: which are meant, which can be drawn, and their files."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,10 +45,11 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chos
     notes: list[str] = []
     if names:
         numbered = _numbered(studies, results)
-        several = (
-            _named(one, numbered, studies, results, choice, notes) for one in dict.fromkeys(names)
-        )
-        figures = [figure for found in several for figure in found]
+        figures = [
+            figure
+            for name in dict.fromkeys(names)
+            for figure in _named(name, numbered, studies, results, choice, notes)
+        ]
     else:
         figures = _every(studies, results, choice, notes)
     if choice and not figures:
@@ -171,10 +172,9 @@ def _numbered(studies: Sequence[str], results: Results) -> dict[str, Figure]:
     return {figure.name: figure for figure in own} | FIGURES
 
 
-def of_studies(studies: Iterable[str]) -> list[Figure]:
+def of_studies(studies: Collection[str]) -> list[Figure]:
     """The project's figures of studies, in the order of the figures."""
-    given = set(studies)
-    return [figure for figure in FIGURES.values() if figure.study in given]
+    return [figure for figure in FIGURES.values() if figure.study in studies]
 
 
 def enough(results: Results) -> tuple[list[Figure], list[Figure]]:

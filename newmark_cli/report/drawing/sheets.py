@@ -205,10 +205,10 @@ def _work(figure: Figure, results: Results) -> Sheet:
         drawn = []
         for curve, slope in zip(part.curves, own, strict=True):
             order = np.argsort(slope.h)
-            given = looks(part, curve.label)
-            said = f"{quantity(slope)}, {given['name']}: {ends(slope, spent[curve.key], cost)}"
+            attributes = looks(part, curve.label)
+            said = f"{quantity(slope)}, {attributes['name']}: {ends(slope, spent[curve.key], cost)}"
             x = spent[curve.key][order]
-            drawn.append(traces.trace(slope, **given | {"x": x, "said": said}))
+            drawn.append(traces.trace(slope, **attributes | {"x": x, "said": said}))
         titles, limits = _titles(figure, part), spread([slope.values for slope in alike])
         label = own[0].record.label(own[0].key)
         panels.append(Panel(tuple(drawn), cost.label, label, titles, y_limits=limits))

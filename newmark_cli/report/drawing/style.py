@@ -57,17 +57,17 @@ def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
     merged: Any = {
         key: value for key, value in mpl.rcParamsDefault.items() if key not in _NOT_STYLE
     }
-    for each in (STYLE, *settings):
-        merged |= each
+    for overrides in (STYLE, *settings):
+        merged |= overrides
     with mpl.rc_context(merged):
         yield
 
 
 def read(path: Path) -> dict[str, Any]:
     """Settings of a style file of matplotlib, without those that are not a matter of style."""
-    told: list[str] = []
+    logged: list[str] = []
     listener = logging.Handler()
-    listener.emit = lambda record: told.append(record.getMessage())  # type: ignore[method-assign]
+    listener.emit = lambda record: logged.append(record.getMessage())  # type: ignore[method-assign]
     logger = logging.getLogger("matplotlib")
     before = logger.propagate
     logger.addHandler(listener)
@@ -83,23 +83,24 @@ def read(path: Path) -> dict[str, Any]:
     finally:
         logger.removeHandler(listener)
         logger.propagate = before
-    if told:
-        raise InputError(f"--style {path}: not a style of matplotlib: {' '.join(told[0].split())}")
+    if logged:
+        reason = " ".join(logged[0].split())
+        raise InputError(f"--style {path}: not a style of matplotlib: {reason}")
     return {key: value for key, value in settings.items() if key not in _NOT_STYLE}
 
 
-def checked(given: Mapping[str, Any]) -> dict[str, Any]:
+def checked(entries: Mapping[str, Any]) -> dict[str, Any]:
     """Settings of a figure as a config has them; a cycle is lists by property."""
     settings: Any = mpl.RcParams()
-    for key, value in given.items():
+    for key, value in entries.items():
         try:
             if key in _NOT_STYLE:
                 raise KeyError(key)
             # Never from text, which matplotlib would evaluate.
             settings[key] = cycler(**value) if key == "axes.prop_cycle" else value
         except (KeyError, TypeError, ValueError) as error:
-            told = " ".join(str(error).split())
-            raise InputError(f"style: {key}: not a setting of matplotlib: {told}") from None
+            reason = " ".join(str(error).split())
+            raise InputError(f"style: {key}: not a setting of matplotlib: {reason}") from None
     return dict(settings)
 
 

@@ -32,8 +32,8 @@ def step_label(problem: str) -> str:
 
 def fit_text(slope: Slope) -> str:
     """The fitted slope of a series that has one, and its verdict if it is not as predicted."""
-    told = slope.verdict if slope.missed else ""
-    return ", ".join(filter(None, (format_fit(slope.fit) if _judged(slope) else "", told)))
+    verdict = slope.verdict if slope.missed else ""
+    return ", ".join(filter(None, (format_fit(slope.fit) if _judged(slope) else "", verdict)))
 
 
 def _judged(slope: Slope) -> bool:
@@ -50,7 +50,7 @@ def ruled(slope: Slope) -> Mask:
     return np.asarray(ruling.any() & (slope.h <= np.max(slope.h[ruling], initial=0.0)))
 
 
-def trace(slope: Slope, label: str, look: Look, name: str, **given: Any) -> Trace:
+def trace(slope: Slope, label: str, look: Look, name: str, **overrides: Any) -> Trace:
     """A series against the step size; cells that did not end well stand apart."""
     order = np.argsort(slope.h)
     parts: dict[str, Any] = {
@@ -63,7 +63,7 @@ def trace(slope: Slope, label: str, look: Look, name: str, **given: Any) -> Trac
         "said": in_words(name, slope),
     }
     label = label if slope.unique else f"{label} (not unique)"
-    return Trace(label, **{"look": look, **parts, **given})
+    return Trace(label, **{"look": look, **parts, **overrides})
 
 
 def panel(

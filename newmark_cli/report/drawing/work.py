@@ -78,12 +78,12 @@ def _of_cells(record: Mapping[str, Any], key: str) -> dict[tuple[Any, ...], floa
     return costs_of
 
 
-def _cell(given: Mapping[str, Any]) -> tuple[str, ...]:
+def _cell(labels: Mapping[str, Any]) -> tuple[str, ...]:
     """Labels that tell a cell from others besides its step size, from its record or a series."""
     return tuple(
-        each.same(str(given.get(each.name, each.usual)))
-        for each in axes.cell_axes()
-        if each.cell and each.series
+        axis.same(str(labels.get(axis.name, axis.usual)))
+        for axis in axes.cell_axes()
+        if axis.cell and axis.series
     )
 
 

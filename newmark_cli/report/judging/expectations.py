@@ -26,6 +26,7 @@ from newmark_cli.report.reading.words import quantity
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.expectations import Expectation, expectations
+from newmark_cli.study.reading import mapping
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import ResultsError
 
@@ -93,15 +94,15 @@ def series_name(slope: Slope) -> str:
     return f"{quantity(slope)}, {' '.join(parts)}"
 
 
-def claims(found: Iterable[Expected]) -> list[Expected]:
+def claims(judged: Iterable[Expected]) -> list[Expected]:
     """Those that are about figures, in the order of the figures."""
-    about = [each for each in found if each.figure]
-    return sorted(about, key=lambda each: (not each.figure.isdigit(), each.figure.zfill(9)))
+    about = [entry for entry in judged if entry.figure]
+    return sorted(about, key=lambda entry: (not entry.figure.isdigit(), entry.figure.zfill(9)))
 
 
-def own(found: Iterable[Expected]) -> list[Expected]:
+def own(judged: Iterable[Expected]) -> list[Expected]:
     """Those that are about no figure."""
-    return [each for each in found if not each.figure]
+    return [entry for entry in judged if not entry.figure]
 
 
 def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
@@ -111,11 +112,11 @@ def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
         path = folder / f"{study}.csv"
         record = records.known(path)
         try:
-            given = expectations(shipped.config_of(study, record, "expect"))
+            wanted = expectations(shipped.config_of(study, record, "expect"))
         except ValueError as error:
             raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
         ours = {slope.key: slope for slope in slopes if slope.study == study}
-        for expectation in given:
+        for expectation in wanted:
             place = _place(record, expectation.number)
             judged += expected(study, expectation, ours, path, place)
         judged += _floors(study, ours)
@@ -138,30 +139,30 @@ def expected(
     matched = [slope for slope in ours.values() if wanted.matches(slope.key)]
     if wanted.h is not None and not wanted.figure:
         matched = [slope for slope in matched if _at(slope, wanted.h).any()]
-    made = partial(Expected, study, wanted.number, wanted.figure)
+    result = partial(Expected, study, wanted.number, wanted.figure)
     label = wanted.label
     if not matched:
         reason = f"{path} has no series with {wanted.described}"
         measured = f"no {label}" if label else ""
-        yield made(None, label or "no such series", "", measured, math.nan, INCOMPLETE, reason, "",
-                   *place)  # fmt: skip
+        finding = measured, math.nan, INCOMPLETE, reason
+        yield result(None, label or "no such series", "", *finding, "", *place)
     elif wanted.over is not None:
-        of = ", ".join(dict.fromkeys(map(quantity, matched)))
+        symbols = ", ".join(dict.fromkeys(map(quantity, matched)))
         low, high = wanted.at_least, wanted.at_most
         judged = _level(lambda: _quotients(wanted, matched, ours), low, high)
         label = label or f"quotients of {len(matched)} series"
-        yield made(None, label, bounds(low, high), *judged, of, *place)
+        yield result(None, label, bounds(low, high), *judged, symbols, *place)
     else:
         for slope in matched:
             for said, finding in _judged(wanted, slope):
-                of = quantity(slope)
-                yield made(slope, label or series_name(slope), said, *finding, of, *place)
+                symbols = quantity(slope)
+                yield result(slope, label or series_name(slope), said, *finding, symbols, *place)
 
 
 def _place(record: Mapping[str, Any], number: int) -> tuple[str, int]:
     """File and line of an expectation, as the run has recorded them."""
-    given = record.get("expect")
-    file, lines = (given.get("file"), given.get("lines")) if isinstance(given, dict) else ("", [])
+    place = mapping(record, "expect")
+    file, lines = place.get("file"), place.get("lines")
     line = lines[number - 1] if isinstance(lines, list) and number <= len(lines) else 0
     if isinstance(file, str) and isinstance(line, int) and line > 0:
         return file, line
@@ -310,59 +311,59 @@ def _floors(study: str, ours: Mapping[SeriesKey, Slope]) -> Iterator[Expected]:
 # -- for people ---------------------------------------------------------------------------------
 
 
-def table(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+def table(judged: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the table of expectations, headings first."""
     return [
         ("config", "expectation", "series", "expected", "measured", "verdict"),
-        *((e.study, str(e.number), e.label, e.said, e.measured, e.verdict) for e in own(found)),
+        *((e.study, str(e.number), e.label, e.said, e.measured, e.verdict) for e in own(judged)),
     ]
 
 
-def lines(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+def lines(judged: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the same table for a terminal, gathered by expectation, headings first."""
     rows = (
         (": ".join(filter(None, (f"{study}, expect[{number}]", expected))), label, *row)
-        for study, number, label, expected, *row in table(found)[1:]
+        for study, number, label, expected, *row in table(judged)[1:]
     )
     return gathered(("series", "measured", "verdict"), rows)
 
 
-def claim_rows(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+def claim_rows(judged: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the table of claims, headings first."""
     return [
         ("figure", "config", "quantity", "claim", "measured", "verdict"),
         *(
             (e.figure, e.study, e.quantity, e.text, e.measured or e.reason, e.verdict)
-            for e in claims(found)
+            for e in claims(judged)
         ),
     ]
 
 
-def claim_lines(found: Iterable[Expected]) -> list[tuple[str, ...]]:
+def claim_lines(judged: Iterable[Expected]) -> list[tuple[str, ...]]:
     """Rows of the same table for a terminal, gathered by figure, headings first."""
     rows = (
         (f"figure {figure}, {study}: {measured}", *row)
-        for figure, study, measured, *row in claim_rows(found)[1:]
+        for figure, study, measured, *row in claim_rows(judged)[1:]
     )
     return gathered(("claim", "measured", "verdict"), rows)
 
 
-def remarks(found: Iterable[Expected]) -> list[str]:
+def remarks(judged: Iterable[Expected]) -> list[str]:
     """A line for each that has no pass and a reason."""
     return [
-        f"{each.verdict}: {each.study}, {each.name}, {each.label}: {each.reason}"
-        for each in own(found)
-        if each.verdict != PASS and each.reason and not each.missing
+        f"{entry.verdict}: {entry.study}, {entry.name}, {entry.label}: {entry.reason}"
+        for entry in own(judged)
+        if entry.verdict != PASS and entry.reason and not entry.missing
     ]
 
 
-def summary(found: Sequence[Expected]) -> str:
+def summary(judged: Sequence[Expected]) -> str:
     """How many claims and how many expectations hold; empty without any."""
     parts = []
-    for word, few in (("claims", claims(found)), ("expectations", own(found))):
-        if few:
-            held = sum(each.verdict == PASS for each in few)
-            undecided = sum(each.verdict == UNDECIDED for each in few)
+    for word, entries in (("claims", claims(judged)), ("expectations", own(judged))):
+        if entries:
+            held = sum(entry.verdict == PASS for entry in entries)
+            undecided = sum(entry.verdict == UNDECIDED for entry in entries)
             open_ones = f" ({undecided} undecided)" if undecided else ""
-            parts.append(f"{held} of {len(few)} {word} hold{open_ones}")
+            parts.append(f"{held} of {len(entries)} {word} hold{open_ones}")
     return ", ".join(parts)

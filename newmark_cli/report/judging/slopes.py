@@ -153,11 +153,13 @@ class Slope:
 
 def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
     """Slopes of every series in a results folder."""
-    given = None if studies is None else [folder / f"{name}.csv" for name in studies]
-    for file in given or ():
-        if not file.exists():
-            raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
-    csvs = study_files(folder) if given is None else given
+    if studies is None:
+        csvs = study_files(folder)
+    else:
+        csvs = [folder / f"{name}.csv" for name in studies]
+        for file in csvs:
+            if not file.exists():
+                raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
     return [slope for file in csvs for slope in study_slopes(read_rows(file), file)]
 
 
@@ -398,9 +400,9 @@ def _predicted(key: SeriesKey, path: Path) -> float:
     record = RECORDS[key.measure]
     try:
         for name, known in (("form", FORMS), ("quantity", record.quantities)):
-            given = getattr(key, name)
-            if known and given not in known:
-                raise ResultsError(f"unknown {name} {given!r}{nearest(given, known)}")
+            value = getattr(key, name)
+            if known and value not in known:
+                raise ResultsError(f"unknown {name} {value!r}{nearest(value, known)}")
         return record.predicted(key)
     except (InputError, KeyError, ValueError) as error:
         raise ResultsError(f"{path}: {key.form}, {key.quantity}: no prediction: {error}") from None

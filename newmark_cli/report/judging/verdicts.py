@@ -85,43 +85,43 @@ def local_orders(h: Array, values: Array) -> Array:
         return np.asarray(np.diff(logs) / np.diff(np.log(h)))
 
 
-def judge(given: Evidence) -> Judgement:
+def judge(evidence: Evidence) -> Judgement:
     """The verdict on a series."""
-    if given.kind == "truncation" and not np.all(np.isfinite(given.values)):
-        return _judged(given, INCOMPLETE, np.isfinite(given.h), "no value at every step size")
-    if given.exact:
-        return _rounding_alone(given)
+    if evidence.kind == "truncation" and not np.all(np.isfinite(evidence.values)):
+        return _judged(evidence, INCOMPLETE, np.isfinite(evidence.h), "no value at every step size")
+    if evidence.exact:
+        return _rounding_alone(evidence)
     # What could be rounding that is alike in all steps speaks against nothing.
-    alike = np.minimum(_CLEAR, 1 / np.sqrt(np.maximum(given.steps, 1.0)))
-    clear, told = _above(given, alike)
-    unknown = bool(np.isnan(given.uncertainty).any())
+    alike = np.minimum(_CLEAR, 1 / np.sqrt(np.maximum(evidence.steps, 1.0)))
+    clear, left_out = _above(evidence, alike)
+    unknown = bool(np.isnan(evidence.uncertainty).any())
     judgement = None
-    if given.kind == "truncation" and _stalls(given, clear):
-        judgement = _not_converging(given, clear)
-    if math.isnan(given.expected):
-        seen, left = _above(given, _CLEAR)
-        shown = _judged(given, SHOWN, seen, left if given.kind == "truncation" else "")
+    if evidence.kind == "truncation" and _stalls(evidence, clear):
+        judgement = _not_converging(evidence, clear)
+    if math.isnan(evidence.expected):
+        seen, unclear = _above(evidence, _CLEAR)
+        shown = _judged(evidence, SHOWN, seen, unclear if evidence.kind == "truncation" else "")
         return judgement if judgement and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for share in (RULED, _CLEAR, alike):
-        if passed := _passed(given, *_above(given, share)):
+        if passed := _passed(evidence, *_above(evidence, share)):
             return passed
-    judgement = judgement or _missed(given, clear, told)
+    judgement = judgement or _missed(evidence, clear, left_out)
     if judgement.verdict != UNDECIDED and unknown:
         reason = joined(judgement.reason, "its rounding was not measured, which twins do")
         return Judgement(UNDECIDED, judgement.fit, judgement.fitted, reason)
     return judgement
 
 
-def _judged(given: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:
-    return Judgement(verdict, _fit(given, fitted), fitted, reason)
+def _judged(evidence: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:
+    return Judgement(verdict, _fit(evidence, fitted), fitted, reason)
 
 
-def _fit(given: Evidence, fitted: Mask) -> Fit:
-    unsure = np.nan_to_num(given.uncertainty[fitted], nan=0.0, posinf=1.0)
-    if given.kind == "truncation":
-        unsure = np.hypot(unsure, _NEXT_TERM)
-    return power_law(given.h[fitted], given.values[fitted], unsure)
+def _fit(evidence: Evidence, fitted: Mask) -> Fit:
+    uncertainty = np.nan_to_num(evidence.uncertainty[fitted], nan=0.0, posinf=1.0)
+    if evidence.kind == "truncation":
+        uncertainty = np.hypot(uncertainty, _NEXT_TERM)
+    return power_law(evidence.h[fitted], evidence.values[fitted], uncertainty)
 
 
 def joined(*parts: str) -> str:
@@ -129,43 +129,45 @@ def joined(*parts: str) -> str:
     return "; ".join(filter(None, parts))
 
 
-def _above(given: Evidence, share: float | Array) -> tuple[Mask, str]:
+def _above(evidence: Evidence, share: float | Array) -> tuple[Mask, str]:
     """Points from the coarsest on of which rounding is less than a share, and what is left out.
 
     Words and hollow markers have one threshold: rounding rules from half of a value on.  What is
     left out for a smaller share is what it may rule.
     """
-    usable = np.isfinite(given.values) & (given.values > 0)
-    zeros = int(np.count_nonzero(given.values == 0))
-    told = f"{zeros} of {len(given.h)} values are exactly 0" if zeros else ""
+    usable = np.isfinite(evidence.values) & (evidence.values > 0)
+    zeros = int(np.count_nonzero(evidence.values == 0))
+    left = f"{zeros} of {len(evidence.h)} values are exactly 0" if zeros else ""
     cuts: dict[int, str] = {}
     for word, least in (("may rule", share), ("rules", RULED)):
-        ruled = usable & (given.uncertainty >= least)
-        if ruled.any() and given.kind != "rounding":
+        ruled = usable & (evidence.uncertainty >= least)
+        if ruled.any() and evidence.kind != "rounding":
             cuts[int(np.argmax(ruled))] = word
     if not cuts:
-        return usable, told
+        return usable, left
     usable[min(cuts) :] = False
     where = (
-        f"{word} below h = {given.h[first - 1]:g}" if first else f"{word} at every h"
+        f"{word} below h = {evidence.h[first - 1]:g}" if first else f"{word} at every h"
         for first, word in cuts.items()
     )
-    return usable, joined(told, f"rounding {', '.join(where)}")
+    return usable, joined(left, f"rounding {', '.join(where)}")
 
 
-def _rounding_alone(given: Evidence) -> Judgement:
+def _rounding_alone(evidence: Evidence) -> Judgement:
     """What theory says to be 0 but for rounding."""
-    everything = np.isfinite(given.h)
-    if np.isnan(given.uncertainty).any():
-        reason = f"at most {given.values.max():.2g}; its rounding was not measured, which twins do"
-        return _judged(given, UNDECIDED, everything, reason)
-    rounding = np.where(given.values > 0, given.uncertainty, 0.0) * given.values
-    where = int(np.argmax(given.values - rounding / _CLEAR))
-    value, reach = given.values[where], rounding[where]
-    reason = f"{value:.2g} at h = {given.h[where]:g}, of which rounding changes {reach:.2g}"
+    everything = np.isfinite(evidence.h)
+    if np.isnan(evidence.uncertainty).any():
+        reason = (
+            f"at most {evidence.values.max():.2g}; its rounding was not measured, which twins do"
+        )
+        return _judged(evidence, UNDECIDED, everything, reason)
+    rounding = np.where(evidence.values > 0, evidence.uncertainty, 0.0) * evidence.values
+    where = int(np.argmax(evidence.values - rounding / _CLEAR))
+    value, reach = evidence.values[where], rounding[where]
+    reason = f"{value:.2g} at h = {evidence.h[where]:g}, of which rounding changes {reach:.2g}"
     if value > reach / _CLEAR:
-        return _judged(given, MISS, everything, f"more than rounding: {reason}")
-    return _judged(given, PASS, everything, f"rounding only: {reason}")
+        return _judged(evidence, MISS, everything, f"more than rounding: {reason}")
+    return _judged(evidence, PASS, everything, f"rounding only: {reason}")
 
 
 def _windows(points: Mask) -> Iterator[Mask]:
@@ -177,37 +179,37 @@ def _windows(points: Mask) -> Iterator[Mask]:
         yield window
 
 
-def _passed(given: Evidence, points: Mask, left: str) -> Judgement | None:
+def _passed(evidence: Evidence, points: Mask, left: str) -> Judgement | None:
     """The pass of a series of which theory predicts an order, if it is one."""
-    dips = _without_dip(given, points) if given.kind == "truncation" else ()
+    dips = _without_dip(evidence, points) if evidence.kind == "truncation" else ()
     for window in (*_windows(points), *dips):
-        fit = _fit(given, window)
-        off = fit.slope - given.expected
-        if abs(off) <= given.tolerance and fit.margin <= 2 * given.tolerance:
-            return Judgement(PASS, fit, window, joined(_left_out(given, points, window), left))
-        if given.bound and off - fit.margin >= -given.tolerance:
-            reason = f"at least order {format_order(given.expected)}, a bound: {given.bound}"
+        fit = _fit(evidence, window)
+        off = fit.slope - evidence.expected
+        if abs(off) <= evidence.tolerance and fit.margin <= 2 * evidence.tolerance:
+            return Judgement(PASS, fit, window, joined(_left_out(evidence, points, window), left))
+        if evidence.bound and off - fit.margin >= -evidence.tolerance:
+            reason = f"at least order {format_order(evidence.expected)}, a bound: {evidence.bound}"
             return Judgement(PASS, fit, window, joined(reason, left))
     return None
 
 
-def _missed(given: Evidence, points: Mask, left: str) -> Judgement:
+def _missed(evidence: Evidence, points: Mask, left: str) -> Judgement:
     """The verdict on a series that does not pass."""
     for window in _windows(points):
-        fit = _fit(given, window)
-        off = abs(fit.slope - given.expected) - given.tolerance
+        fit = _fit(evidence, window)
+        off = abs(fit.slope - evidence.expected) - evidence.tolerance
         if fit.straight and off > fit.margin:
-            spared = _spared(given, window, fit)
-            first, last = given.h[window][[0, -1]].tolist()
+            spared = _spared(evidence, window, fit)
+            first, last = evidence.h[window][[0, -1]].tolist()
             reason = spared or f"slope {_sloped(fit)} over h = {first:g} … {last:g}"
             if not spared and first < _DECADE * last:
                 spared = reason = f"{reason}, less than a decade: smaller h would decide"
             return Judgement(UNDECIDED if spared else MISS, fit, window, joined(reason, left))
-    seen, left = _above(given, _CLEAR)
-    return _judged(given, UNDECIDED, seen, joined(_wanted(given, seen), left))
+    seen, left = _above(evidence, _CLEAR)
+    return _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), left))
 
 
-def _without_dip(given: Evidence, points: Mask) -> Iterator[Mask]:
+def _without_dip(evidence: Evidence, points: Mask) -> Iterator[Mask]:
     """The points without one that lies far below its neighbours' line: an error changes sign."""
     places = np.flatnonzero(points)
     if len(places) <= LEAST:
@@ -215,28 +217,28 @@ def _without_dip(given: Evidence, points: Mask) -> Iterator[Mask]:
     for place in places.tolist():
         window = points.copy()
         window[place] = False
-        if given.values[place] < _fit(given, window)(given.h[place : place + 1])[0] / 2:
+        if evidence.values[place] < _fit(evidence, window)(evidence.h[place : place + 1])[0] / 2:
             yield window
 
 
-def _left_out(given: Evidence, points: Mask, window: Mask) -> str:
+def _left_out(evidence: Evidence, points: Mask, window: Mask) -> str:
     """Which of the points a pass leaves out, and why."""
     left, first = np.flatnonzero(points & ~window), int(np.argmax(window))
     if not len(left):
         return ""
     if left.max() > first:
-        return f"without h = {given.h[left[0]]:g}, where the error changes its sign"
-    return f"order shows from h = {given.h[first]:g}"
+        return f"without h = {evidence.h[left[0]]:g}, where the error changes its sign"
+    return f"order shows from h = {evidence.h[first]:g}"
 
 
-def _stalls(given: Evidence, points: Mask) -> bool:
+def _stalls(evidence: Evidence, points: Mask) -> bool:
     """Whether the values do not fall with h, though they are far above their rounding.
 
     Over three step sizes or more they fall by less than a tenth of an order from the first to
     the last, and by less than half an order from the largest.
     """
     places = np.flatnonzero(points)
-    h, values = given.h[places], given.values[places]
+    h, values = evidence.h[places], evidence.values[places]
     for first in range(len(places) - LEAST + 1):
         finer = h[-1] / h[first:]
         top = int(np.argmax(values[first:]))
@@ -249,47 +251,49 @@ def _stalls(given: Evidence, points: Mask) -> bool:
     return False
 
 
-def _not_converging(given: Evidence, points: Mask) -> Judgement:
+def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
     last = int(np.flatnonzero(points)[-1])
-    value, h = given.values[last], given.h[last]
+    value, h = evidence.values[last], evidence.h[last]
     reason = (
         f"does not fall with h: {value:.2g} at h = {h:g}, of which rounding changes "
-        f"{given.uncertainty[last] * value:.2g}"
+        f"{evidence.uncertainty[last] * value:.2g}"
     )
     cause = (
         "the integrator does not damp multipliers that alternate, generalized-alpha does"
-        if given.undamped
+        if evidence.undamped
         else ""
     )
-    return _judged(given, NOT_CONVERGING, points, joined(reason, cause))
+    return _judged(evidence, NOT_CONVERGING, points, joined(reason, cause))
 
 
-def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:
+def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
     """Why a slope outside the tolerance is no miss; empty where it is one."""
-    least = float(given.values[fitted].min())
-    if given.kind == "truncation" and least > _SMALL:
+    least = float(evidence.values[fitted].min())
+    if evidence.kind == "truncation" and least > _SMALL:
         return f"errors of {least:.0%} are not small, which orders are about"
-    if given.kind == "truncation" and fit.slope > given.expected:
-        return f"falls faster than order {format_order(given.expected)}, which shows at smaller h"
-    for other in given.coarse:
+    if evidence.kind == "truncation" and fit.slope > evidence.expected:
+        return (
+            f"falls faster than order {format_order(evidence.expected)}, which shows at smaller h"
+        )
+    for other in evidence.coarse:
         # The rms of steps goes over from one order to the other slowly.
-        between = given.kind == "rounding" and given.expected < fit.slope < other
-        near = other > given.expected and abs(fit.slope - other) <= 2 * given.tolerance
+        between = evidence.kind == "rounding" and evidence.expected < fit.slope < other
+        near = other > evidence.expected and abs(fit.slope - other) <= 2 * evidence.tolerance
         if near or between:
             return (
                 f"terms of order {format_order(other)} rule until smaller h lets those of order "
-                f"{format_order(given.expected)} overtake"
+                f"{format_order(evidence.expected)} overtake"
             )
-    if given.kind == "determined" and len(given.largest):
+    if evidence.kind == "determined" and len(evidence.largest):
         # A coarse march passes other states than a fine one.
-        factor = float((given.largest[fitted] / given.typical[fitted]).max())
-        first, last = given.h[fitted][[0, -1]]
-        if abs(fit.slope - given.expected) < math.log(factor) / math.log(first / last):
+        factor = float((evidence.largest[fitted] / evidence.typical[fitted]).max())
+        first, last = evidence.h[fitted][[0, -1]]
+        if abs(fit.slope - evidence.expected) < math.log(factor) / math.log(first / last):
             return f"varies by a factor of {factor:.2g} along a run: smaller h would decide"
-    few = given.kind == "rounding" and bool((given.uncertainty[fitted] > _FEW).any())
-    if (given.bound or few) and len(given.typical):
-        typical = power_law(given.h, given.typical)
-        if typical.points >= LEAST and typical.slope >= given.expected - given.tolerance:
+    few = evidence.kind == "rounding" and bool((evidence.uncertainty[fitted] > _FEW).any())
+    if (evidence.bound or few) and len(evidence.typical):
+        typical = power_law(evidence.h, evidence.typical)
+        if typical.points >= LEAST and typical.slope >= evidence.expected - evidence.tolerance:
             # Of a bound it changes with h how many steps come close to it.
             return f"a few steps rule; the median has order {format_fit(typical)}"
     if few:
@@ -297,20 +301,20 @@ def _spared(given: Evidence, fitted: Mask, fit: Fit) -> str:
     return ""
 
 
-def _wanted(given: Evidence, points: Mask) -> str:
+def _wanted(evidence: Evidence, points: Mask) -> str:
     """What would decide a slope whose interval is neither within the tolerance nor outside."""
-    fit, h = _fit(given, points), given.h[points]
-    more = "larger" if len(h) < len(given.h) else "smaller"
-    if not given.values.any():
+    fit, h = _fit(evidence, points), evidence.h[points]
+    more = "larger" if len(h) < len(evidence.h) else "smaller"
+    if not evidence.values.any():
         return ""
-    if not len(h) and given.kind == "determined":
+    if not len(h) and evidence.kind == "determined":
         return "nothing but rounding: the problem may lack it"
     if len(h) < LEAST:
         sizes = f"{len(h)} usable step size{'s' * (len(h) != 1)}"
         return f"{sizes}, an order takes {LEAST}: {more} h would decide"
     slope = f"slope {_sloped(fit)}"
     if fit.straight:
-        decades = math.log10(h[0] / h[-1]) * fit.margin / given.tolerance
+        decades = math.log10(h[0] / h[-1]) * fit.margin / evidence.tolerance
         return f"{slope}: h over {math.ceil(decades)} decades or more would decide"
     return f"{slope}: the order still changes with h, {more} h would decide"
 

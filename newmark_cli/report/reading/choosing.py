@@ -56,8 +56,8 @@ class Choice:
     def keeps(self, series: "Slope | SeriesKey") -> bool:
         """Whether a series has one of the values of every axis."""
         return all(
-            not given or any(means(axis, word, getattr(series, axis)) for word in given)
-            for axis, given in self.values.items()
+            not words or any(means(axis, word, getattr(series, axis)) for word in words)
+            for axis, words in self.values.items()
         )
 
     def takes(self, series: "Slope | SeriesKey") -> bool:
@@ -69,9 +69,9 @@ class Choice:
         for name in self.measures:
             if name not in SHOWABLE:
                 raise InputError(f"--measure: unknown measure {name!r}{nearest(name, SHOWABLE)}")
-        for axis, given in self.values.items():
+        for axis, words in self.values.items():
             known = list(dict.fromkeys(v for s in slopes if (v := getattr(s, axis))))
-            for word in given:
+            for word in words:
                 if not any(means(axis, word, value) for value in known):
                     raise InputError(
                         f"--{axis}: no series of {word!r} in the results{nearest(word, known)}"

@@ -60,9 +60,9 @@ def read_recorded(
     recorded: list[Recorded | None] = []
     for curve, h in cells:
         rows = np.isclose(values["h"], h, rtol=1e-9, atol=0)
-        for name, spelled in labels.items():
+        for name, texts in labels.items():
             # Of a plain text NumPy drops zeros at the end.
-            rows &= spelled == np.array(getattr(curve, name), object)
+            rows &= texts == np.array(getattr(curve, name), object)
         table = np.column_stack([values[name][rows] for name in ("t", *names)])
         # Problems with fewer multipliers leave the last columns empty.
         there = ~np.isnan(table).all(axis=0)
@@ -78,13 +78,13 @@ def _recorded_names(path: Path, kind: str, columns: Iterable[str]) -> list[str]:
     names = [n for n in columns if n not in (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)]
     if kind == "drift":
         allowed, usable = ", ".join(DRIFTS), tuple(names) == DRIFTS
-        given = ""
+        actual = ""
     else:
         names = [n for n in names if n != ENERGY and not n.startswith(f"{OUTPUT}[")]
         # Files of older versions number the multipliers.
         usable = bool(names) and all(re.fullmatch(rf"{LAMBDA}(\[.+\]|_\d+)", n) for n in names)
         allowed = "lambda[name of a constraint]"
-        given = f", given {', '.join(names) or 'none'}"
+        actual = f", given {', '.join(names) or 'none'}"
     if not usable:
-        raise ResultsError(f"{path}, line 1: the columns after t must be {allowed}{given}")
+        raise ResultsError(f"{path}, line 1: the columns after t must be {allowed}{actual}")
     return names

@@ -58,7 +58,7 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
     source, blas, machine = (mapping(record, key) for key in ("source", "blas", "platform"))
     threads = {name: count for name, count in mapping(blas, "threads").items() if count}
     facts = {
-        **{str(name): given for name, given in mapping(record, "versions").items()},
+        **{str(name): value for name, value in mapping(record, "versions").items()},
         **problem_files(record),
         "commit": _commit(source),
         "BLAS of numpy": blas.get("numpy"),
@@ -70,7 +70,7 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
         "machine": machine.get("machine"),
         "system": machine.get("system"),
     }
-    return {name: str(given) for name, given in facts.items() if given not in (None, "")}
+    return {name: str(value) for name, value in facts.items() if value not in (None, "")}
 
 
 def facts(record: Mapping[str, Any]) -> dict[str, str]:
@@ -93,7 +93,7 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of the table of cells, headings first; columns in which all agree are left out."""
     columns = {axis.name: axis.title for axis in axes.cell_axes() if axis.cell and axis.series}
     cells = cells_of(record)
-    told = {
+    varying = {
         key: name
         for key, name in columns.items()
         if key == "problem" or len({str(cell.get(key, "")) for cell in cells}) > 1
@@ -102,9 +102,9 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
         "operations": "operations", "march_seconds": "march (s)", "wall_seconds": "wall time (s)",
     }  # fmt: skip
     shown = {key: name for key, name in numbers.items() if any(key in cell for cell in cells)}
-    rows: list[tuple[str, ...]] = [(*told.values(), "h", "steps", "status", *shown.values())]
+    rows: list[tuple[str, ...]] = [(*varying.values(), "h", "steps", "status", *shown.values())]
     for cell in cells:
-        names = [str(cell.get(key, "")) for key in told]
+        names = [str(cell.get(key, "")) for key in varying]
         status = " – ".join(str(cell[key]) for key in ("status", "reason") if key in cell)
         values = (number(cell, key) for key in shown)
         texts = ("" if math.isnan(value) else f"{value:.3g}" for value in values)
@@ -112,12 +112,12 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def timing_rows(found: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
+def timing_rows(by_study: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
     """Rows of the table of studies, headings first, from their records, empty ones among them."""
     rows: list[tuple[str, ...]] = [
         ("study", "cells", "wall time of all (s)", "slowest cell (s)", "side by side")
     ]
-    for study, record in found.items():
+    for study, record in by_study.items():
         cells = cells_of(record)
         slowest = max((seconds(c) for c in cells if not math.isnan(seconds(c))), default=math.nan)
         times = "", ""
@@ -150,8 +150,8 @@ def checksums(record: Mapping[str, Any]) -> dict[str, str]:
 
 def number(cell: Mapping[str, Any], key: str) -> float:
     """A number of a cell; NaN where it is not recorded."""
-    given = cell.get(key)
-    return float(given) if isinstance(given, int | float) else math.nan
+    value = cell.get(key)
+    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def seconds(cell: Mapping[str, Any]) -> float:
@@ -179,11 +179,11 @@ def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
     unlike = [
         name for name in studies if checksums(known(folder / f"{name}.csv")) != expected.get(name)
     ]
-    told = (
+    text = (
         f"{len(studies) - len(unlike)} of {len(studies)} studies: the numbers shipped with "
         f"{newmark_cli.__version__}, bit for bit"
     )
-    return f"{told}; not {', '.join(unlike)}" if unlike else told
+    return f"{text}; not {', '.join(unlike)}" if unlike else text
 
 
 @dataclass(frozen=True)
@@ -289,5 +289,5 @@ def _commit(source: Mapping[str, Any]) -> str:
     return f"{commit}{' (modified)' if source.get('modified') else ''}" if commit else ""
 
 
-def _number(given: Any) -> str:
-    return f"{given:g}" if isinstance(given, int | float) else str(given or "")
+def _number(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, int | float) else str(value or "")

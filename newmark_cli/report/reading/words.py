@@ -28,10 +28,10 @@ def integrator_text(label: str) -> str:
     """An integrator as people write it, from its label."""
     if label == TRAPEZOIDAL:
         return TRAPEZOIDAL_NAME
-    method, *given = label.split()
-    pairs = (part.partition("=") for part in given)
-    said = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
-    return " ".join([_METHODS.get(method, method), *([f"({', '.join(said)})"] if said else [])])
+    method, *parameters = label.split()
+    pairs = (part.partition("=") for part in parameters)
+    texts = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
+    return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 
 def means(axis: str, word: str, value: str) -> bool:

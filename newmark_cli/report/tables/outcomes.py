@@ -60,7 +60,7 @@ def of(
             fitted = f"slope {format_fit(slope.fit)}" if slope.fit.points else ""
             text = joined(fitted, f"predicted {predicted}" if predicted else "", slope.reason)
             outcomes.append(Outcome(slope.study, series_name(slope), slope.verdict, text))
-    outcomes += (Outcome(one.path.stem, str(one.path), INCOMPLETE, one.finding) for one in changed)
+    outcomes += (Outcome(f.path.stem, str(f.path), INCOMPLETE, f.finding) for f in changed)
     if tables and hold(outcomes) and any(slope.study == paper_tables.STUDY for slope in slopes):
         for entry in paper_tables.not_as_predicted(paper_tables.build(slopes)):
             verdict, text = entry.slope.verdict, "not as predicted"
@@ -68,29 +68,29 @@ def of(
     return outcomes
 
 
-def _of_expected(each: Expected) -> Outcome:
-    if each.figure:
-        name, measured = f"{each.name}, {each.text}", joined(each.measured, each.reason)
-        return Outcome(each.study, name, each.verdict, measured, each.file, each.line)
-    name = each.name if each.missing else f"{each.name}, {each.label}, {each.said}"
-    measured = f"measured {each.measured}" if each.measured else ""
+def _of_expected(entry: Expected) -> Outcome:
+    if entry.figure:
+        name, measured = f"{entry.name}, {entry.text}", joined(entry.measured, entry.reason)
+        return Outcome(entry.study, name, entry.verdict, measured, entry.file, entry.line)
+    name = entry.name if entry.missing else f"{entry.name}, {entry.label}, {entry.said}"
+    measured = f"measured {entry.measured}" if entry.measured else ""
     return Outcome(
-        each.study, name, each.verdict, joined(measured, each.reason), each.file, each.line,
-        erroneous=each.missing, shown=not each.missing,
+        entry.study, name, entry.verdict, joined(measured, entry.reason), entry.file, entry.line,
+        erroneous=entry.missing, shown=not entry.missing,
     )  # fmt: skip
 
 
-def hold(found: Sequence[Outcome], strict: bool = False) -> bool:
+def hold(outcomes: Sequence[Outcome], strict: bool = False) -> bool:
     """Whether something was judged, and nothing fails; if strict, what is undecided does."""
-    return any(each.verdict == PASS for each in found) and not any(
-        each.fails(strict) for each in found
+    return any(outcome.verdict == PASS for outcome in outcomes) and not any(
+        outcome.fails(strict) for outcome in outcomes
     )
 
 
-def notes(found: Sequence[Outcome], strict: bool) -> list[str]:
+def notes(outcomes: Sequence[Outcome], strict: bool) -> list[str]:
     """What the tables of `check` do not say: a line for each that they lack, and a warning."""
-    lines = [f"{each.study}: {each.name}: {each.text}" for each in found if not each.shown]
-    if undecided := sum(each.verdict == UNDECIDED for each in found):
+    lines = [f"{o.study}: {o.name}: {o.text}" for o in outcomes if not o.shown]
+    if undecided := sum(outcome.verdict == UNDECIDED for outcome in outcomes):
         lines.append(f"{'' if strict else 'warning: '}not judged: {undecided} {UNDECIDED}")
     return lines
 
@@ -98,16 +98,16 @@ def notes(found: Sequence[Outcome], strict: bool) -> list[str]:
 # -- continuous integration ---------------------------------------------------------------------
 
 
-def junit(found: Iterable[Outcome], strict: bool) -> str:
+def junit(outcomes: Iterable[Outcome], strict: bool) -> str:
     """A report in JUnit's XML: a suite for each study.  If not strict, the undecided is skipped."""
     of_study: dict[str, list[Outcome]] = {}
-    for each in found:
-        of_study.setdefault(each.study, []).append(each)
+    for outcome in outcomes:
+        of_study.setdefault(outcome.study, []).append(outcome)
     root = ElementTree.Element("testsuites", name="newmark-study check")
-    for study, outcomes in of_study.items():
+    for study, cases in of_study.items():
         suite = ElementTree.SubElement(root, "testsuite", name=visible(study))
-        for each in outcomes:
-            _case(suite, each, strict)
+        for outcome in cases:
+            _case(suite, outcome, strict)
         _count(suite)
     _count(root)
     ElementTree.indent(root)
@@ -115,16 +115,16 @@ def junit(found: Iterable[Outcome], strict: bool) -> str:
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
-def _case(suite: ElementTree.Element, each: Outcome, strict: bool) -> None:
-    place = {"file": visible(each.file), "line": str(each.line)} if each.line else {}
-    names = {"classname": visible(each.study), "name": visible(each.name)}
+def _case(suite: ElementTree.Element, outcome: Outcome, strict: bool) -> None:
+    place = {"file": visible(outcome.file), "line": str(outcome.line)} if outcome.line else {}
+    names = {"classname": visible(outcome.study), "name": visible(outcome.name)}
     case = ElementTree.SubElement(suite, "testcase", {**names, **place})
-    if each.verdict == PASS:
+    if outcome.verdict == PASS:
         return
     kind = "skipped"
-    if each.fails(strict):
-        kind = "error" if each.erroneous else "failure"
-    ElementTree.SubElement(case, kind, message=visible(each.description), type=each.verdict)
+    if outcome.fails(strict):
+        kind = "error" if outcome.erroneous else "failure"
+    ElementTree.SubElement(case, kind, message=visible(outcome.description), type=outcome.verdict)
 
 
 def _count(element: ElementTree.Element) -> None:
@@ -134,31 +134,31 @@ def _count(element: ElementTree.Element) -> None:
         element.set(plural, str(len([*element.iter(kind)])))
 
 
-def annotations(found: Iterable[Outcome], strict: bool, top: Path | None = None) -> list[str]:
+def annotations(outcomes: Iterable[Outcome], strict: bool, top: Path | None = None) -> list[str]:
     """Workflow commands of GitHub, of each kind as many as it shows; files are named from `top`.
 
     What fails are errors, and what is undecided warnings, unless strict.
     """
     lines: dict[str, list[str]] = {"error": [], "warning": []}
-    for each in found:
-        if each.fails(strict) or each.verdict == UNDECIDED:
-            kind = "error" if each.fails(strict) else "warning"
-            place = {**_place(each, top), "title": f"{each.study}: {each.verdict}"}
-            given = ",".join(f"{key}={_escaped(text, ':,')}" for key, text in place.items())
-            message = _escaped(joined(each.name, each.text))
-            lines[kind].append(f"::{kind} {given}::{message}")
-    return [line for some in lines.values() for line in some[:_SHOWN_BY_GITHUB]]
+    for outcome in outcomes:
+        if outcome.fails(strict) or outcome.verdict == UNDECIDED:
+            kind = "error" if outcome.fails(strict) else "warning"
+            place = {**_place(outcome, top), "title": f"{outcome.study}: {outcome.verdict}"}
+            properties = ",".join(f"{key}={_escaped(text, ':,')}" for key, text in place.items())
+            message = _escaped(joined(outcome.name, outcome.text))
+            lines[kind].append(f"::{kind} {properties}::{message}")
+    return [line for kind_lines in lines.values() for line in kind_lines[:_SHOWN_BY_GITHUB]]
 
 
-def _place(each: Outcome, top: Path | None) -> dict[str, str]:
+def _place(outcome: Outcome, top: Path | None) -> dict[str, str]:
     """File and line, if the file is there and in the repository."""
-    path = Path(each.file)
+    path = Path(outcome.file)
     try:
         inside = path.resolve().relative_to((top or Path()).resolve())
-        known = bool(each.line) and path.is_file()
+        known = bool(outcome.line) and path.is_file()
     except (OSError, ValueError):
         return {}
-    return {"file": inside.as_posix(), "line": str(each.line)} if known else {}
+    return {"file": inside.as_posix(), "line": str(outcome.line)} if known else {}
 
 
 def _escaped(text: str, further: str = "") -> str:

@@ -150,12 +150,12 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
         if axis.name in _TABLE:
             continue
         values = [axes.in_words(axis.name, getattr(slope, axis.name)) for slope in slopes]
-        given = list(map(format_integrator, values))
-        if len(set(given)) > 1:
-            for name, value in zip(names, given, strict=True):
+        labels = list(map(format_integrator, values))
+        if len(set(labels)) > 1:
+            for name, value in zip(names, labels, strict=True):
                 name += [value] if value else []
-        elif given[0] not in ("", axes.in_words(axis.name, axis.usual or ""), TRAPEZOIDAL_NAME):
-            common += [f"at the {given[0]}" if axis is axes.INITIAL else given[0]]
+        elif labels[0] not in ("", axes.in_words(axis.name, axis.usual or ""), TRAPEZOIDAL_NAME):
+            common += [f"at the {labels[0]}" if axis is axes.INITIAL else labels[0]]
     return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
 
 
@@ -203,5 +203,5 @@ def _data(slope: Slope) -> dict[str, Any]:
         }
         for i, order in zip(_descending(slope), orders, strict=False)
     ]
-    rest = {key: given for key, given in slope.row().items() if key != "local_orders"}
+    rest = {key: value for key, value in slope.row().items() if key != "local_orders"}
     return rest | {"role": slope.role, "accepted": slope.accepted, "values": points}

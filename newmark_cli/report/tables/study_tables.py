@@ -24,7 +24,7 @@ from newmark_cli.support.spelling import nearest
 
 #: What a command prints of a study that does not say.
 USUAL = Layout(("preconditioning",), ("quantity",))
-#: What a list says of each series unless it is told.
+#: Values of each series in a list, by default.
 LISTED = ("slope", "stderr", "predicted", "verdict")
 
 #: Value → its text; for programs it is that of `Slope.row`.
@@ -56,10 +56,10 @@ def asked(
 ) -> Layout:
     """The table that options of a command ask for; what they leave open is as usual."""
     rows, columns = (tuple(ALIASES.get(axis, axis) for axis in axes) for axes in (rows, columns))
-    for option, given, known in (
+    for option, names, known in (
         ("--rows", rows, AXES), ("--columns", columns, AXES), ("--values", values, VALUES),
     ):  # fmt: skip
-        for name in given:
+        for name in names:
             if name not in known:
                 kind = "value" if option == "--values" else "axis"
                 raise InputError(f"{option}: unknown {kind} {name!r}{nearest(name, known)}")
@@ -117,9 +117,9 @@ def groups(slopes: Iterable[Slope], layout: Layout) -> list[tuple[str, list[Plac
 
 def _title(layout: Layout, varying: Iterable[str], first: Slope) -> str:
     """The title of one of several tables: what they are of, and what tells this one apart."""
-    told = joined_values(varying, first.key.named())
-    whole = f"{layout.title} ({told})" if layout.title and told else layout.title or told
-    return whole or first.study
+    values = joined_values(varying, first.key.named())
+    title = f"{layout.title} ({values})" if layout.title and values else layout.title or values
+    return title or first.study
 
 
 def _placed(slopes: Sequence[Slope], layout: Layout) -> list[Placed]:

@@ -72,65 +72,65 @@ def derive(form: str, formulation: str = INDEX_3) -> dict[str, Any]:
     }
 
 
-def as_text(found: Mapping[str, Any]) -> str:
+def as_text(orders: Mapping[str, Any]) -> str:
     """Orders of one form and scaling for a terminal."""
-    rows, unknowns = list(found["jacobian"]), list(found["inverse"])
+    rows, unknowns = list(orders["jacobian"]), list(orders["inverse"])
     title = (
-        f"({', '.join(map(symbol, found['right']))}) form, "
-        + _formulation(found)
-        + f"preconditioning {found['preconditioning']}"
-        + (f", {found['evaluation']} evaluation" if found["evaluation"] != DIRECT else "")
+        f"({', '.join(map(symbol, orders['right']))}) form, "
+        + _formulation(orders)
+        + f"preconditioning {orders['preconditioning']}"
+        + (f", {orders['evaluation']} evaluation" if orders["evaluation"] != DIRECT else "")
     )
-    left, right = (_factors(found[side]) for side in ("left", "right"))
-    residual, correction = found["residual"], found["correction"]
+    left, right = (_factors(orders[side]) for side in ("left", "right"))
+    residual, correction = orders["residual"], orders["correction"]
     physical = ", ".join(
         f"Δ{symbol(field)}{'*' if entry['role'] == 'recovered' else ''} {_big_o(entry['order'])}"
-        for field, entry in found["physical_correction"].items()
+        for field, entry in orders["physical_correction"].items()
     )
     lines = [
         title,
         "=" * len(title),
         f"factors       left: {left};  right: {right}",
         "",
-        *_matrix("J̄", rows, unknowns, found["jacobian"]),
+        *_matrix("J̄", rows, unknowns, orders["jacobian"]),
         "",
-        *_matrix("J̄⁻¹", unknowns, rows, found["inverse"]),
+        *_matrix("J̄⁻¹", unknowns, rows, orders["inverse"]),
         "",
         "perturbation of the residual  "
         + ", ".join(f"Δb̄_{row} {_big_o(residual[row])}" for row in rows),
         "corrections, scaled           "
         + ", ".join(f"Δ{symbol(u)}̄ {_big_o(order)}" for u, order in correction.items()),
         f"corrections, physical         {physical}",
-        f"condition number              C {_big_o(found['condition'])}",
+        f"condition number              C {_big_o(orders['condition'])}",
     ]
-    if any(e["role"] == "recovered" for e in found["physical_correction"].values()):
+    if any(e["role"] == "recovered" for e in orders["physical_correction"].values()):
         lines.append("(* eliminated, recovered from the kept fields)")
-    if found["bounds"]:
-        names = ", ".join(f"Δ{symbol(unknown)}" for unknown in found["bounds"])
+    if orders["bounds"]:
+        names = ", ".join(f"Δ{symbol(unknown)}" for unknown in orders["bounds"])
         lines.append(
             f"({names}: a lower bound of the order; differences in rows V and K are often exact)"
         )
-    if "lambda" not in found["inverse"]:
+    if "lambda" not in orders["inverse"]:
         lines.append("(λ is not an unknown of the linear system: each iteration updates it by −pΦ)")
     return "\n".join(lines)
 
 
-def derived_as_text(found: Mapping[str, Any]) -> str:
+def derived_as_text(derived: Mapping[str, Any]) -> str:
     """A derived scaling for a terminal, one line a side."""
-    kind = _formulation(found).removesuffix(", ")
-    lines = [f"({', '.join(map(symbol, found['right']))}) form" + (f", {kind}" if kind else "")]
+    kind = _formulation(derived).removesuffix(", ")
+    lines = [f"({', '.join(map(symbol, derived['right']))}) form" + (f", {kind}" if kind else "")]
     for side in ("left", "right"):
-        powers = _factors(found[side])
-        same = found[side] == found["table_2"][side]
-        table = "Table 2" if found["in_paper"] else "this project's factors"
+        powers = _factors(derived[side])
+        same = derived[side] == derived["table_2"][side]
+        table = "Table 2" if derived["in_paper"] else "this project's factors"
         agrees = f"the powers of {table}" if same else f"NOT the powers of {table}"
         lines.append(f"  {side:<6} {powers:<32} {agrees}")
     return "\n".join(lines)
 
 
-def _formulation(found: Mapping[str, Any]) -> str:
+def _formulation(orders: Mapping[str, Any]) -> str:
     """Formulation as part of a title; index 3 goes without saying."""
-    return "" if found["formulation"] == INDEX_3 else f"{found['formulation']}, "
+    return "" if orders["formulation"] == INDEX_3 else f"{orders['formulation']}, "
 
 
 def _blocks(
