@@ -239,14 +239,13 @@ class Problem:
     ) -> Values:
         """Force, Φ and the values of X, Y, G at a state; u, v are (n,), multipliers (m,).
 
-        All of one type of numbers, in which they are computed.
+        Computed in one type of numbers.
         """
         pattern = self.pattern
         entries = (pattern.x_rows, pattern.y_rows, pattern.g_rows)
         values = Values(*(np.empty(size, dtype) for size in (self.n, self.m, *map(len, entries))))
         reals = self.reals.astype(dtype, copy=False)
-        t = t if dtype is np.float64 else dtype(t)
-        self.function(t, u, v, multipliers, self.ints, reals, *values)
+        self.function(*_plain(dtype, t, u, v, multipliers), self.ints, reals, *values)
         return values
 
     def dense(self, values: Values) -> Terms:
@@ -302,7 +301,8 @@ class Problem:
             return None
         pattern = self.pattern
         kinetic = 0.5 * np.sum(v[pattern.mass_rows] * self.mass_values * v[pattern.mass_columns])
-        return float(kinetic), float(self.potential(t, u, v, self.ints, self.reals))
+        state = _plain(np.float64, t, u, v)
+        return float(kinetic), float(self.potential(*state, self.ints, self.reals))
 
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
@@ -342,8 +342,7 @@ class Problem:
         sizes = (self.m, self.m, entries, entries)
         rows = ConstraintRows(*(np.zeros(size, dtype) for size in sizes))
         reals = self.reals.astype(dtype, copy=False)
-        t = t if dtype is np.float64 else dtype(t)
-        self.derivatives(t, u, v, w, self.ints, reals, *rows)
+        self.derivatives(*_plain(dtype, t, u, v, w), self.ints, reals, *rows)
         return rows
 
     def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
@@ -368,6 +367,15 @@ class Push:
 def is_beyond(until: float, t: float) -> bool:
     """Whether a time (s) is after the last of a table, but for rounding."""
     return t > until * (1 + 1e-9)
+
+
+def _plain(dtype: type[Any], t: float, *arrays: Array) -> tuple[Any, ...]:
+    """A time and arrays as functions are compiled for: others would compile them once more.
+
+    Of one type, and not parts of others or read-only.
+    """
+    time = float(t) if dtype is np.float64 else dtype(t)
+    return time, *(np.array(array, dtype, order="C") for array in arrays)
 
 
 def _numbered(count: int) -> tuple[str, ...]:
