@@ -137,7 +137,7 @@ def _build(
     under_way: Builder = kind(name, document, mechanism)
     for path, push in under_way.pushes.items():
         if code is None:
-            message = f"{push.given.rpartition(':')[0]} is code, which runs only with --allow-code"
+            message = f"{push.python.rpartition(':')[0]} is code, which runs only with --allow-code"
             raise document.error((*path, "python"), message)
     problem = under_way.completed(*start.consistent(under_way))
     if under_way.pushes and code is not None:

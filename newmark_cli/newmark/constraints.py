@@ -24,7 +24,7 @@ from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import PARTIAL, Scheme
 from newmark_cli.problems.algebra import Factors, norm, product, spectral_norm
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import Problem, dense_matrix
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most coordinates that M couples for which its inverse is formed, block by block.
@@ -211,18 +211,6 @@ class Constraining:
         """The terms of P for these entries of G; none without η."""
         terms = self.projector
         return np.asarray(terms.values * g[terms.sources])
-
-    def dense_directions(self, directions: Array) -> Array:
-        """(n, m) P."""
-        terms = self.projector
-        return dense_matrix(terms.rows, terms.columns, directions, (self.problem.n, self.problem.m))
-
-    def dense(self, entries: Array) -> Array:
-        """(m, n) a matrix at the pattern of Gᵀ."""
-        pattern = self.problem.pattern
-        return dense_matrix(
-            pattern.g_columns, pattern.g_rows, entries, (self.problem.m, self.problem.n)
-        )
 
     def pushed(self, directions: Array, eta: Array) -> Array:
         """(n,) Pη."""

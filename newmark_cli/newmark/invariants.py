@@ -8,6 +8,7 @@ import scipy.sparse
 from newmark_cli.newmark.march_data import State
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.redundancy import column_norms
 from newmark_cli.support.arrays import Array
 
 #: Names of the invariants, in the order of the CSV's rows.
@@ -71,7 +72,7 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
             (values.g, (problem.pattern.g_rows, problem.pattern.g_columns)),
             shape=(problem.n, problem.m),
         )
-        lengths = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
+        lengths = column_norms(gradient)
         rate, _ = problem.constraint_derivatives(t, u, v)
         by_name = {
             "position": Misfit(values.phi / lengths, np.array([_largest(u)])),

@@ -11,7 +11,7 @@ import scipy.sparse
 from newmark_cli.newmark.march import March
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
-from newmark_cli.problems.redundancy import Least
+from newmark_cli.problems.redundancy import Least, column_norms
 from newmark_cli.support.arrays import Array
 
 #: States of a march that are looked at, and steps between two where its end is not known.
@@ -72,7 +72,7 @@ class Needed:
                 return np.inf
             places, shape = (pattern.g_rows, pattern.g_columns), (problem.n, problem.m)
             gradient = scipy.sparse.csc_array((g, places), shape)
-            sizes = np.sqrt(np.asarray(gradient.multiply(gradient).sum(axis=0))).ravel()
+            sizes = column_norms(gradient)
             return self._least.of(scipy.sparse.csc_array(gradient / sizes[None, :]))
         dense = singular.gradient(problem, t, u)
         if not np.all(np.isfinite(dense)):

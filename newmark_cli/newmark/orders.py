@@ -190,12 +190,7 @@ class FormOrders:
         if unknown in self.reactions:
             return float(np.min(self.reactions[unknown] + residual))
         # λ is updated by −pΦ, of which the residual in row D has the order.
-        return float(self.penalty + self._constraint)
-
-    @property
-    def _constraint(self) -> float:
-        """Order of the perturbation of Φ."""
-        return 0.0 if self.differenced else 1.0
+        return float(self.penalty + (0.0 if self.differenced else 1.0))
 
     def condition(self, scaling: Scaling) -> float:
         """Order of C = ‖J̄‖·‖J̄⁻¹‖ of the scaled matrix (eqs. 24, 35, 42, 47)."""

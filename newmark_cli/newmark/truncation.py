@@ -10,12 +10,12 @@ from functools import cached_property
 
 from newmark_cli.newmark import changes
 from newmark_cli.newmark.formulation import (
-    CONSTRAINTS,
     CORRECTED,
     NEWTON,
     RECOVERED,
     Formulation,
     Projection,
+    is_formulated,
 )
 from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
 from newmark_cli.newmark.steps import CONSTANT, Change, StepSequence
@@ -45,7 +45,7 @@ class March:
     @property
     def formulated(self) -> bool:
         """Whether it is anything but index 3, as the paper has it."""
-        return self.formulation != CONSTRAINTS or self.projection.level > 0
+        return is_formulated(self.formulation, self.projection)
 
     @property
     def recovers(self) -> bool:

@@ -58,8 +58,8 @@ class Agreement:
 
     problem: Problem
     functions: Mapping[str, Any]  #: ``force``, ``constraints`` and ``gradient``
-    #: the tangents and terms of Φ' and Φ'' that are the user's, and ``energy``
-    given: Mapping[str, Any]
+    #: what these imply already: tangents, terms of Φ' and Φ'', and ``energy``
+    restated: Mapping[str, Any]
     named: Callable[[str], str]  #: how errors name a function
 
     def reached(self, t: float, u: Array, v: Array) -> None:
@@ -104,8 +104,8 @@ class Agreement:
         where: str,
         error: type[ProblemError] = ProblemError,
     ) -> None:
-        for found in chosen:
-            for key, what, values in found(t, u, v):
+        for comparison in chosen:
+            for key, what, values in comparison(t, u, v):
                 raise error(f"{self.named(key)} {what} {where}: {values}")
 
     # -- each function -----------------------------------------------------------------------
@@ -122,12 +122,12 @@ class Agreement:
     def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Wrong]:
         """What is wrong in X and Y at a state."""
         force, gradient = self.functions["force"], self.functions["gradient"]
-        n, m, given, sizes = self.problem.n, self.problem.m, self.given, _sizes(u)
+        n, m, restated, sizes = self.problem.n, self.problem.m, self.restated, _sizes(u)
         speeds = _sizes(v) if np.any(v) else sizes
         units = np.abs(self._gradient(t, u)).max(axis=0)
         load = float(np.abs(_value(n, force, u, v, t)).max())
         multipliers = np.linspace(1.0, 2.0, m) * (load or 1.0) / np.where(units > 0, units, 1.0)
-        if stiffness := given.get("stiffness"):
+        if stiffness := restated.get("stiffness"):
             x = _value(n * n, stiffness, u, v, multipliers, t).reshape(n, n)
 
             def pull(j: int) -> Callable[[float], Any]:
@@ -138,7 +138,7 @@ class Agreement:
                 return of
 
             yield from _columns("stiffness", x, pull, sizes, load / sizes.max())
-        if damping := given.get("damping"):
+        if damping := restated.get("damping"):
             y = _value(n * n, damping, u, v, t).reshape(n, n)
             yield from _columns(
                 "damping", y, lambda j: lambda s: -force(u, _moved(v, j, s), t), speeds,
@@ -164,7 +164,7 @@ class Agreement:
             return turned(s).T @ v + (rate(u + s * v, t + s) if rate else 0.0)
 
         # First derivatives of what has been compared lose less than second ones.
-        rate, turn = self.given.get("constraint_rate"), self.given.get("rate_gradient")
+        rate, turn = self.restated.get("constraint_rate"), self.restated.get("rate_gradient")
         bend = _Part(lambda s: phi(u + s * v, t + s), along_v, 2)
         if rate or self._is_rigid(t, u):
             bend = _Part(moving, along_v)
@@ -182,11 +182,11 @@ class Agreement:
             ),
         }
         for key, (arguments, parts, shape) in rows.items():
-            if key in self.given:
-                values = _value(int(np.prod(shape)), self.given[key], *arguments)
+            if key in self.restated:
+                values = _value(int(np.prod(shape)), self.restated[key], *arguments)
                 nothing = np.broadcast_to(units * (size if len(shape) == 1 else 1.0), shape)
-                if found := _contradicted(values, parts, _NOTHING * nothing.ravel()):
-                    index, expected = found
+                if wrong := _contradicted(values, parts, _NOTHING * nothing.ravel()):
+                    index, expected = wrong
                     yield _wrong(key, np.unravel_index(index, shape), values[index], expected)
 
     def _of_energy(self, t: float, u: Array, v: Array) -> Iterator[_Wrong]:
@@ -195,10 +195,11 @@ class Agreement:
         Half its rate on a motion less half of that on the motion with −v: dissipation takes
         from both.  Only where nothing depends on time, so that both are motions.
         """
-        energy, force = self.given.get("energy"), self.functions["force"]
+        energy, force = self.restated.get("energy"), self.functions["force"]
         if energy is None or not self._is_free_of_time(t, u, v):
             return
-        state = self._onto(t, u, float(_sizes(u).max()) * _direction(self.problem.n))
+        direction = np.random.default_rng(2).normal(size=self.problem.n)
+        state = self._onto(t, u, float(_sizes(u).max()) * direction)
         if state is None:
             return
         u, v = state
@@ -222,9 +223,9 @@ class Agreement:
         speed = float(np.abs(v).max())
         fastest = max(speed / _sizes(u).max(), np.abs(ahead).max() / (speed or 1.0)) or 1.0
         nothing = np.full(1, _TOLERANCE * load * speed)
-        found = _contradicted(np.zeros(1), [_Part(change, _LONGEST / fastest)], nothing)
-        if found:
-            change_of = f"on a motion without dissipation it changes by {found[1]:.3g} in a second"
+        wrong = _contradicted(np.zeros(1), [_Part(change, _LONGEST / fastest)], nothing)
+        if wrong:
+            change_of = f"on a motion without dissipation it changes by {wrong[1]:.3g} in a second"
             yield _Wrong("energy", "is not conserved", change_of)
 
     def _gradient(self, t: float, u: Array) -> Array:
@@ -288,7 +289,7 @@ class Agreement:
     def _rate(self, t: float, u: Array) -> Array:
         """(m,) Φ_t."""
         m, phi = self.problem.m, self.functions["constraints"]
-        if rate := self.given.get("constraint_rate"):
+        if rate := self.restated.get("constraint_rate"):
             return _value(m, rate, u, t)
         ahead, behind = t + 1e-6, t - 1e-6
         there = _value(m, phi, u, ahead) - _value(m, phi, u, behind)
@@ -310,37 +311,37 @@ class Agreement:
 
 
 def _columns(
-    key: str, given: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array, unit: Any
+    key: str, matrix: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array, unit: Any
 ) -> Iterator[_Wrong]:
     """What is wrong in a matrix, each of whose columns is the derivative of ``along(j)``.
 
-    Given is the matrix, of G the transpose; ``unit`` is the size of the derivatives to each
+    For G, ``matrix`` is its transpose.  ``unit`` is the size of the derivatives to each
     coordinate, by rows, that count at least.
     """
-    size = float(np.abs(given).max()) if key != "gradient" else 0.0
-    nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), given.T.shape)
+    size = float(np.abs(matrix).max()) if key != "gradient" else 0.0
+    nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), matrix.T.shape)
     largest = float(sizes.max())
     for j, own in enumerate(sizes.tolist()):
         part, first = (
             _Part(along(j), _LONGEST * largest),
             round(np.log(largest / own) / np.log(_RATIO)),
         )
-        if found := _contradicted(given[:, j], [part], nothing[j], _FIRST + first):
-            i, expected = found
-            yield _wrong(key, (j, i) if key == "gradient" else (i, j), given[i, j], expected)
+        if wrong := _contradicted(matrix[:, j], [part], nothing[j], _FIRST + first):
+            i, expected = wrong
+            yield _wrong(key, (j, i) if key == "gradient" else (i, j), matrix[i, j], expected)
 
 
 def _contradicted(
-    given: Array, parts: Sequence[_Part], nothing: Array, first: int = _FIRST
+    derivatives: Array, parts: Sequence[_Part], nothing: Array, first: int = _FIRST
 ) -> tuple[int, float] | None:
     """The derivative that is most certainly wrong, and what it is; None where none is.
 
-    Given are (k,) derivatives, the parts that they are the sum of the derivatives of, (k,)
-    differences that do not count, and the step that is tried first, the longest being 0.
+    The (k,) derivatives are sums of those of the parts; (k,) differences up to ``nothing`` do not
+    count.  Steps are numbered from the longest, 0; ``first`` is tried first.
     """
-    here = [_value(len(given), part.function, 0.0) for part in parts]
-    quotients = np.full((_STEPS, 3, len(given)), np.nan)
-    doubted = np.isfinite(given)
+    here = [_value(len(derivatives), part.function, 0.0) for part in parts]
+    quotients = np.full((_STEPS, 3, len(derivatives)), np.nan)
+    doubted = np.isfinite(derivatives)
     order = max(part.order for part in parts)
     lengths = _RATIO ** -(order * np.arange(float(_STEPS)))[:, None]  # to this power
     load = np.sum(
@@ -348,25 +349,25 @@ def _contradicted(
         axis=0,
     )
     for number in sorted(range(_STEPS), key=lambda number: abs(number - first)):
-        quotients[number] = found = sum(
+        quotients[number] = latest = sum(
             _quotients(part, part.longest * _RATIO**-number, at)
             for part, at in zip(parts, here, strict=True)
         )
-        sizes = np.maximum(np.abs(given), np.abs(found))
-        confirmed = np.abs(found - given) <= _TOLERANCE * sizes + nothing
+        sizes = np.maximum(np.abs(derivatives), np.abs(latest))
+        confirmed = np.abs(latest - derivatives) <= _TOLERANCE * sizes + nothing
         if number > first:  # the function may have changed by less than its rounding
             slope = np.nanmax(np.abs(quotients[first]), axis=0, initial=0.0)
             differences = np.abs(quotients) * lengths[:, :, None]
             rounding = _ROUNDING * (load + np.nanmax(differences, axis=(0, 1), initial=0.0))
-            confirmed &= (found != 0) | (slope * lengths[number] > rounding)
+            confirmed &= (latest != 0) | (slope * lengths[number] > rounding)
         doubted &= ~confirmed.any(axis=0)
         if not doubted.any():
             return None
-    return _settled(given, doubted, quotients, load)
+    return _settled(derivatives, doubted, quotients, load)
 
 
 def _settled(
-    given: Array, doubted: Mask, quotients: Array, load: Array
+    derivatives: Array, doubted: Mask, quotients: Array, load: Array
 ) -> tuple[int, float] | None:
     """What `_contradicted` returns of quotients at all steps, none of which confirms a value.
 
@@ -376,12 +377,12 @@ def _settled(
     forward, backward, central = quotients.swapaxes(0, 1)
     # Quotients of rounded numbers are 0 over short steps; others only if all are.
     still = np.all((quotients == 0) | np.isnan(quotients), axis=(0, 1)) & doubted
-    still &= (np.isfinite(central).sum(axis=0) >= _IN_A_ROW) & (np.abs(given) > 1e-6 * load)
+    still &= (np.isfinite(central).sum(axis=0) >= _IN_A_ROW) & (np.abs(derivatives) > 1e-6 * load)
     if still.any():
         return int(np.argmax(still)), 0.0
     gap = forward - backward
     bends = np.abs(gap[1:] - gap[:-1] / _RATIO)  # 0 but for rounding and high derivatives
-    away = np.abs(central - given)
+    away = np.abs(central - derivatives)
     worst, answer = 0.0, None
     for begin in range(1, _STEPS - _IN_A_ROW + 1):
         row = slice(begin, begin + _IN_A_ROW)
@@ -391,7 +392,7 @@ def _settled(
         varied = np.maximum(varied, bends[begin - 1 : begin - 1 + _IN_A_ROW].max(axis=0))
         wrong = (smallest > 0) & (varied <= _SETTLED * np.minimum(least, smallest)) & doubted
         # Longer steps see past a play, and past the stairs that rounding makes.
-        farther = np.minimum(np.abs(central[:begin] - settled), np.abs(given))
+        farther = np.minimum(np.abs(central[:begin] - settled), np.abs(derivatives))
         wrong &= ~np.any(away[:begin] <= _NEARER * farther, axis=0)
         certainty = np.where(wrong, least / (varied + 1e-3 * least), 0.0)
         if (most := float(certainty.max())) > worst:
@@ -437,12 +438,8 @@ def _moved(vector: Array, i: int, step: float) -> Array:
     return moved
 
 
-def _direction(n: int) -> Array:
-    return np.random.default_rng(2).normal(size=n)
-
-
-def _wrong(key: str, index: Sequence[Any], given: float, expected: float) -> _Wrong:
+def _wrong(key: str, index: Sequence[Any], stated: float, expected: float) -> _Wrong:
     numbers = [int(place) + 1 for place in index]
     entry = ("row {}, column {}" if len(numbers) == 2 else "component {}").format(*numbers)
-    values = f"given {given:.9g}, differences say {expected:.9g}"
+    values = f"given {stated:.9g}, differences say {expected:.9g}"
     return _Wrong(key, f"disagrees with differences in {entry}", values)

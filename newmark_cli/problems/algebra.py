@@ -76,11 +76,11 @@ def product(first: Any, second: Any) -> Array:
     dtype = np.result_type(left, right, np.float32)
     left, right = np.ascontiguousarray(left, dtype), np.ascontiguousarray(right, dtype)
     inner = len(right)
-    found = np.zeros((math.prod(left.shape[:-1]), math.prod(right.shape[1:])), dtype)
+    result = np.zeros((math.prod(left.shape[:-1]), math.prod(right.shape[1:])), dtype)
     _compiled(_multiply)(
-        left.reshape(len(found), inner), right.reshape(inner, found.shape[1]), found
+        left.reshape(len(result), inner), right.reshape(inner, result.shape[1]), result
     )
-    return found.reshape(left.shape[:-1] + right.shape[1:])
+    return result.reshape(left.shape[:-1] + right.shape[1:])
 
 
 def norm(vector: Array) -> float:
@@ -163,12 +163,12 @@ def _substitute(lu, x):
             x[i, c] /= lu[i, i]
 
 
-def _multiply(left, right, found):
+def _multiply(left, right, result):
     for i in range(left.shape[0]):
         for k in range(left.shape[1]):
             factor = left[i, k]
             for j in range(right.shape[1]):
-                found[i, j] += factor * right[k, j]
+                result[i, j] += factor * right[k, j]
 
 
 def _norm(vector):

@@ -84,9 +84,7 @@ class _Tables:
         basis = [Legendre.basis(k, domain=[0, 1]) for k in range(nodes)]
         ends = np.append(self.c, 1.0)
         self.once, self.twice = (
-            product(
-                np.column_stack([one.integ(times, lbnd=0)(ends) for one in basis]), self.inverse
-            )
+            product(np.column_stack([p.integ(times, lbnd=0)(ends) for p in basis]), self.inverse)
             for times in (1, 2)
         )
 
@@ -140,33 +138,33 @@ def motion(
             continue
         # Coefficients fall like a geometric series: the last one is about the square
         # of the middle one, which is well above rounding.
-        found = np.abs(step.coefficients[middle : middle + 2, : problem.n]).max()
-        found *= h / (np.sqrt(tolerance) * speed)
+        error = np.abs(step.coefficients[middle : middle + 2, : problem.n]).max()
+        error *= h / (np.sqrt(tolerance) * speed)
         # Three digits, as the last bits of powers are not the same everywhere.
         best = (
-            round(float(np.clip(0.9 * found ** (-1 / middle), 0.3, 1.5)), 3) if found > 0 else 1.5
+            round(float(np.clip(0.9 * error ** (-1 / middle), 0.3, 1.5)), 3) if error > 0 else 1.5
         )
-        if found > 3:
+        if error > 3:
             size = best * h
             continue
         times, g = _sampled(problem, tables, t, h, u, step)
         # With the end of the step before, whose last samples may be next to a zero.
         passed = [
-            one
-            for one in crossings(np.append(last[0], times), np.concatenate([last[1], g]))
-            if one.t > last[0][-1]
+            crossing
+            for crossing in crossings(np.append(last[0], times), np.concatenate([last[1], g]))
+            if crossing.t > last[0][-1]
         ]
-        share = _share(tables, [(one.t - t) / h for one in passed])
+        share = _share(tables, [(crossing.t - t) / h for crossing in passed])
         if share < 1:
             size = share * h
             continue
-        for one in passed:
-            if not one.straight:
-                raise NotSmoothError(one.t, "branches of the motion touch, and it may take either")
-            gap = _gap(problem, t, h, u, v, step, one.t) / length
+        for then, straight in passed:
+            if not straight:
+                raise NotSmoothError(then, "branches of the motion touch, and it may take either")
+            gap = _gap(problem, t, h, u, v, step, then) / length
             if gap > _MET:
-                raise NotSmoothError(one.t, f"up to a gap of {gap:.1g}, where the motion turns")
-        singular += [one.t for one in passed]
+                raise NotSmoothError(then, f"up to a gap of {gap:.1g}, where the motion turns")
+        singular += [crossing.t for crossing in passed]
         t = end if h == end - t else t + h
         u, v = projected(t, step.u, step.v)
         last, guess = (times[-2:], g[-2:]), step

@@ -36,24 +36,24 @@ NAMES = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient
 
 def derivatives(
     functions: Mapping[str, Any],
-    given: Mapping[str, Any],
+    rows: Mapping[str, Any],
     compile_: Compiler,
     quadratic: bool = False,
 ) -> Callable[..., None]:
     """`newmark_cli.problems.problem.Problem.derivatives`."""
-    missing = [name for name in NAMES if name not in given]
+    missing = [name for name in NAMES if name not in rows]
     if not missing:
         computed: Any = differences.nothing
     elif quadratic:
         computed = of_quadratic(functions, compile_)
     else:
         computed = by_differences(functions, missing, compile_)
-    if not given:
+    if not rows:
         return computed  # type: ignore[no-any-return]
     copy = differences.copying(compile_)
     kinds = (("ut", copy.vector), ("uvt", copy.vector), ("uvt", copy.flat), ("uvwt", copy.flat))
     give_rate, give_curvature, give_r, give_q = (
-        differences.giving(given.get(name), *kind, compile_)
+        differences.giving(rows.get(name), *kind, compile_)
         for name, kind in zip(NAMES, kinds, strict=True)
     )
 
@@ -127,18 +127,18 @@ _LONGEST_RATE, _IN_TIME, _ALONG = 0.13, 0.3, 0.03
 _SHRINKING = [np.array([STEP_RATIO**-k for k in range(levels)]) for levels in (11, 7)]
 
 
-def rates(functions: Mapping[str, Any], given: Mapping[str, Any]) -> Callable[..., None] | None:
+def rates(functions: Mapping[str, Any], rows: Mapping[str, Any]) -> Callable[..., None] | None:
     """`newmark_cli.problems.problem.Problem.rates`, by differences in plain Python."""
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
-    if {"constraint_rate", "curvature"} <= given.keys():
+    if {"constraint_rate", "curvature"} <= rows.keys():
         return None
 
     def rates(t, u, v, ints, reals, rate, curvature, share=1.0):  # type: ignore[no-untyped-def]
         differentiate(t, u, v, rate, curvature, share)  # type: ignore[no-untyped-call]
-        if "constraint_rate" in given:
-            rate[:] = given["constraint_rate"](u, t)
-        if "curvature" in given:
-            curvature[:] = given["curvature"](u, v, t)
+        if "constraint_rate" in rows:
+            rate[:] = rows["constraint_rate"](u, t)
+        if "curvature" in rows:
+            curvature[:] = rows["curvature"](u, v, t)
 
     def differentiate(t, u, v, rate, curvature, share):  # type: ignore[no-untyped-def]
         size, speed = float(np.abs(u).max()), float(np.abs(v).max())

@@ -73,15 +73,15 @@ class Dae:
         at, rows = problem.evaluate(t, u, v, multipliers), problem.constraint_rows(t, u, v, of_v)
         places = (problem.pattern.g_columns, problem.pattern.g_rows)
         r, q = (dense_matrix(*places, entries, (m, n)) for entries in (rows.r, rows.q))
-        of_y, of_yp, one, none = *np.zeros((2, size, size)), np.eye(n), np.zeros((m, n))
+        of_y, of_yp, eye, none = *np.zeros((2, size, size)), np.eye(n), np.zeros((m, n))
         # By u, v and v' of Φ, Φ' and Φ''.
         tangents = ((at.G.T, none, none), (r, at.G.T, none), (q, 2 * r, at.G.T))
         chosen = [tangents[k] for k in ROWS[self.equations]]
         of_y[:, : 2 * n] = np.block(
-            [[0 * one, -one], [at.X, at.Y], *([a, b] for a, b, _ in chosen)]
+            [[0 * eye, -eye], [at.X, at.Y], *([a, b] for a, b, _ in chosen)]
         )
         of_yp[:, : 2 * n] = np.block(
-            [[one, 0 * one], [0 * one, self._mass], *([none, c] for _, _, c in chosen)]
+            [[eye, 0 * eye], [0 * eye, self._mass], *([none, c] for _, _, c in chosen)]
         )
         of_multipliers = of_yp if self.integrals else of_y
         of_multipliers[n : 2 * n, 2 * n : 2 * n + m] = -at.G

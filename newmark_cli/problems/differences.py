@@ -46,12 +46,12 @@ def copying(compile_: Compiler) -> Copying:
     return Copying(copy_vector, copy_matrix, flatten)
 
 
-def _copy_plain(given: Any, out: Any) -> None:
-    out[...] = given
+def _copy_plain(values: Any, out: Any) -> None:
+    out[...] = values
 
 
-def _flatten_plain(given: Any, out: Any) -> None:
-    out[...] = np.ravel(given)
+def _flatten_plain(values: Any, out: Any) -> None:
+    out[...] = np.ravel(values)
 
 
 # Loops: assigning to a slice would add the error that its shapes can raise, which takes
@@ -59,31 +59,31 @@ def _flatten_plain(given: Any, out: Any) -> None:
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def copy_vector(given, out):  # type: ignore[no-untyped-def]
+def copy_vector(values, out):  # type: ignore[no-untyped-def]
     """See `Copying`."""
     for i in range(out.shape[0]):
-        out[i] = given[i]
+        out[i] = values[i]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def copy_matrix(given, out):  # type: ignore[no-untyped-def]
+def copy_matrix(values, out):  # type: ignore[no-untyped-def]
     """See `Copying`."""
     for i in range(out.shape[0]):
         for k in range(out.shape[1]):
-            out[i, k] = given[i, k]
+            out[i, k] = values[i, k]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def flatten(given, out):  # type: ignore[no-untyped-def]
+def flatten(matrix, out):  # type: ignore[no-untyped-def]
     """See `Copying`."""
-    rows, columns = given.shape
+    rows, columns = matrix.shape
     for i in range(rows):
         for k in range(columns):
-            out[i * columns + k] = given[i, k]
+            out[i * columns + k] = matrix[i, k]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def nothing(*given):  # type: ignore[no-untyped-def]
+def nothing(*arguments):  # type: ignore[no-untyped-def]
     """Does nothing."""
 
 
@@ -302,22 +302,22 @@ def _size(vector):  # type: ignore[no-untyped-def]
 @cached_njit(nogil=True, error_model="numpy")
 def _first(values, steps):  # type: ignore[no-untyped-def]
     """(k, m) first derivatives from values ahead and behind in turn."""
-    found = np.empty((steps.shape[0], values.shape[1]))
+    quotients = np.empty((steps.shape[0], values.shape[1]))
     for k in range(steps.shape[0]):
         for i in range(values.shape[1]):
-            found[k, i] = (values[2 * k, i] - values[2 * k + 1, i]) / (2 * steps[k])
-    return found
+            quotients[k, i] = (values[2 * k, i] - values[2 * k + 1, i]) / (2 * steps[k])
+    return quotients
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def _second(values, here, steps):  # type: ignore[no-untyped-def]
     """(k, m) second derivatives from values ahead and behind in turn, and here."""
-    found = np.empty((steps.shape[0], values.shape[1]))
+    quotients = np.empty((steps.shape[0], values.shape[1]))
     for k in range(steps.shape[0]):
         for i in range(values.shape[1]):
             bent = values[2 * k, i] - here[i] + (values[2 * k + 1, i] - here[i])
-            found[k, i] = bent / (steps[k] * steps[k])
-    return found
+            quotients[k, i] = bent / (steps[k] * steps[k])
+    return quotients
 
 
 @cached_njit(nogil=True, error_model="numpy")

@@ -15,7 +15,7 @@ _FUNCTIONS = ("force", "constraints", "gradient", "stiffness", "damping", "energ
 _OPTIONAL = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
 
 
-def of_definition(given: Any) -> str:
+def of_definition(definition: Any) -> str:
     """Hexadecimal digest of the functions of a `Definition`.
 
     It covers their code, and the numbers, text, arrays and functions that they refer to.
@@ -26,10 +26,10 @@ def of_definition(given: Any) -> str:
     # With the objects, lest another gets the identity of one that is gone.
     seen: dict[int, tuple[int, Any]] = {}
     try:
-        given_too = [key for key in _OPTIONAL if getattr(given, key, None) is not None]
-        for key in (*_FUNCTIONS, *given_too):
+        optional = [key for key in _OPTIONAL if getattr(definition, key, None) is not None]
+        for key in (*_FUNCTIONS, *optional):
             digest.update(f"|{key}".encode())
-            _take(getattr(given, key, None), digest, seen)
+            _take(getattr(definition, key, None), digest, seen)
     except _Unknown:
         digest.update(uuid.uuid4().bytes)
     return digest.hexdigest()

@@ -101,9 +101,9 @@ def weights(problem: Problem, t: float, u: Array) -> Weights:
     inertias = np.empty(m)
     for first in range(0, m, _AT_A_TIME):
         cut = np.arange(first, min(first + _AT_A_TIME, m))
-        one = np.zeros((m, len(cut)))
-        one[cut, cut - first] = 1.0
-        inertias[cut] = changed(one)[1][cut, cut - first]
+        unit = np.zeros((m, len(cut)))
+        unit[cut, cut - first] = 1.0
+        inertias[cut] = changed(unit)[1][cut, cut - first]
     lengths = np.sqrt(np.bincount(columns, g * g, m))
     mass = float(np.abs(problem.mass_values).max())
     sizes = 1 / np.sqrt(np.maximum(inertias, _WEIGHTLESS * mass / lengths**2))
@@ -129,6 +129,6 @@ def relative(errors: Array, scales: float | Array) -> Array:
         return np.asarray(np.where(errors == 0, 0.0, errors / scales))
 
 
-def relative_error(found: Array, reference: Array, scales: Array) -> float:
-    """Largest |found_k − reference_k| / scale_k; 0 where an error vanishes."""
-    return float(np.abs(relative(found - reference, scales)).max())
+def relative_error(computed: Array, reference: Array, scales: Array) -> float:
+    """Largest |computed_k − reference_k| / scale_k; 0 where an error vanishes."""
+    return float(np.abs(relative(computed - reference, scales)).max())

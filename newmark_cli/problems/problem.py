@@ -224,8 +224,8 @@ class Problem:
         ``bars.link``; a prescribed motion adds what it drives, ``motions.crank.angle``.
         ``1`` … ``m`` where a problem in Python does not name them.
         """
-        given = self.constraints_given
-        return tuple(".".join(map(str, parts)) for parts in given) or _numbered(self.m)
+        names = self.constraints_given
+        return tuple(".".join(map(str, parts)) for parts in names) or _numbered(self.m)
 
     @property
     def M(self) -> Array:
@@ -265,9 +265,9 @@ class Problem:
         Raises:
             ArgumentError: For other shapes, or what is not a number.
         """
-        given = {"u": (u, self.n), "v": (v, self.n), "multipliers": (multipliers, self.m)}
+        arguments = {"u": (u, self.n), "v": (v, self.n), "multipliers": (multipliers, self.m)}
         arrays: list[Array] = []
-        for name, (values, length) in given.items():
+        for name, (values, length) in arguments.items():
             array = np.asarray(values)
             if array.shape != (length,) or array.dtype.kind not in "iuf":
                 raise ArgumentError(
@@ -306,12 +306,12 @@ class Problem:
 
     def point_of(self, coordinate: int) -> str:
         """Name of the point that a coordinate belongs to, for errors."""
-        given = self.points_given
-        place = coordinate - len(given) * len(self.axes)
+        points = self.points_given
+        place = coordinate - len(points) * len(self.axes)
         if place < 0:
-            return given[coordinate // len(self.axes)]
+            return points[coordinate // len(self.axes)]
         further = self.coordinates_given
-        return further[place] if given and further else f"coordinate {coordinate + 1}"
+        return further[place] if points and further else f"coordinate {coordinate + 1}"
 
     @cached_property
     def content(self) -> str:
@@ -358,7 +358,7 @@ class Problem:
 class Push:
     """A force in Python on points of a mechanism, see `python_forces`."""
 
-    given: str  #: file and function, as the mechanism spells them
+    python: str  #: ``file:function``, as in the mechanism
     coordinates: Sequence[int]  #: (c,) coordinates that the points depend on
     weights: Array  #: (2k, c) how
     offsets: Array  #: (2k,) what does not move of them (m)

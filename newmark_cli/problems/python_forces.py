@@ -25,7 +25,7 @@ from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support.cached_code import cached_njit
 
 
-def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, spelled: str) -> Problem:
+def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, shown_folder: str) -> Problem:
     """The mechanism with forces in Python, whose files are looked for in a folder.
 
     Raises:
@@ -34,9 +34,9 @@ def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, spelled: str)
     digest = hashlib.sha256()
     sources: dict[str, bytes] = {}
     for push in pushes:
-        file, _, name = push.given.rpartition(":")
-        path, shown = folder / file, os.path.join(spelled, file)
-        function, found = python_problem.load_function(path, name, shown)
+        file, _, name = push.python.rpartition(":")
+        path, shown = folder / file, os.path.join(shown_folder, file)
+        function, contents = python_problem.load_function(path, name, shown)
         size = len(push.offsets) // 2
         start = push.offsets + push.weights @ problem.u0[list(push.coordinates)]
         speed = push.weights @ problem.v0[list(push.coordinates)]
@@ -45,8 +45,8 @@ def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, spelled: str)
             (path, shown), (size, 2),
         )  # fmt: skip
         folder_of = os.path.dirname(file)
-        named = {os.path.normpath(os.path.join(folder_of, key)): x for key, x in found.items()}
-        digest.update(repr((push.given, named)).encode())
+        named = {os.path.normpath(os.path.join(folder_of, key)): x for key, x in contents.items()}
+        digest.update(repr((push.python, named)).encode())
         sources |= named
         problem = _with(problem, push, function)
     return replace(problem, code=digest.hexdigest(), sources=sources)
@@ -71,11 +71,11 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
         qs, ws = differences.states_around(
             _chosen(u, coordinates), _chosen(v, coordinates), True, True, step, pace
         )
-        forces, given = np.zeros(qs.shape), np.empty((size, 2))
+        forces, loads = np.zeros(qs.shape), np.empty((size, 2))
         for k in range(qs.shape[0]):
             places, speeds = _at(qs[k], weights, offsets), _at(ws[k], weights, at_rest)
-            copy(function(places, speeds, t), given)
-            _add_generalised(given, weights, forces[k])
+            copy(function(places, speeds, t), loads)
+            _add_generalised(loads, weights, forces[k])
         _add_at(forces[0], coordinates, force)
         differences.take_tangents(
             forces, True, True, step, pace, x_values[first_x:], y_values[first_y:]
@@ -122,11 +122,11 @@ def _at(q, weights, offsets):  # type: ignore[no-untyped-def]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _add_generalised(given, weights, forces):  # type: ignore[no-untyped-def]
+def _add_generalised(loads, weights, forces):  # type: ignore[no-untyped-def]
     """Add the generalised forces of forces on the points."""
     for j in range(forces.shape[0]):
-        for i in range(given.shape[0]):
-            forces[j] += weights[2 * i, j] * given[i, 0] + weights[2 * i + 1, j] * given[i, 1]
+        for i in range(loads.shape[0]):
+            forces[j] += weights[2 * i, j] * loads[i, 0] + weights[2 * i + 1, j] * loads[i, 1]
 
 
 @cached_njit(nogil=True, error_model="numpy")

@@ -111,29 +111,29 @@ _OPTIONAL = (*_TANGENTS, *constraint_rows.NAMES, "energy")
 
 
 def load(
-    path: Path, factory: str, arguments: Mapping[str, Any], name: str, spelled: str = ""
+    path: Path, factory: str, arguments: Mapping[str, Any], name: str, shown: str = ""
 ) -> Problem:
     """Run a factory, a function in a Python file, and take its problem.
 
-    Modules of the file's folder can be imported, at its top or in the factory.  Errors name the
-    file as it is spelled, if it is.
+    Modules of the file's folder can be imported, at its top or in the factory.  ``shown`` is the
+    path in errors, when it is another.
 
     Raises:
         ProblemError: When the file or the factory fails, or what it returns cannot
             be used: a wrong shape, a derivative that disagrees with differences, an
             inconsistent start.
     """
-    file = spelled or str(path)
+    file = shown or str(path)
     with _ran(path, file, "problem") as (module, source, imported):
         if not callable(getattr(module, factory, None)):
             raise ProblemError(f"{file}: has no function {factory!r}")
         with _reported(path, file, f"{factory} failed: "):
-            given = getattr(module, factory)(**arguments)
+            definition = getattr(module, factory)(**arguments)
         beside = dict(sorted(imported.items()))
     begin = _code(getattr(module, factory))
     line = f", line {begin.co_firstlineno}" if _is_in(begin, path) else ""
     with _reported(path, file):
-        problem = from_definition(given, name, _Source(f"{file}{line}: {factory}", file, path))
+        problem = from_definition(definition, name, _Source(f"{file}{line}: {factory}", file, path))
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
     digest = hashlib.sha256(repr((called, source, beside)).encode())
     return replace(problem, code=digest.hexdigest(), sources={path.name: source, **beside})
@@ -153,19 +153,17 @@ def _ran(path: Path, file: str, kind: str) -> Iterator[tuple[Any, bytes, Mapping
         yield module, source, imported
 
 
-def load_function(
-    path: Path, name: str, spelled: str
-) -> tuple[Callable[..., Any], dict[str, bytes]]:
+def load_function(path: Path, name: str, shown: str) -> tuple[Callable[..., Any], dict[str, bytes]]:
     """A function of a Python file, and what the file and the modules beside it say.
 
     Raises:
         ProblemError: When the file fails, or has no such function.
     """
-    with _ran(path, spelled, "forces") as (module, source, imported):
+    with _ran(path, shown, "forces") as (module, source, imported):
         beside = dict(sorted(imported.items()))
     function = getattr(module, name, None)
     if not callable(function):
-        raise ProblemError(f"{spelled}: has no function {name!r}")
+        raise ProblemError(f"{shown}: has no function {name!r}")
     return function, {path.name: source, **beside}
 
 
@@ -181,8 +179,8 @@ def called_at(
     Raises:
         ProblemError: When it fails, or returns anything else.
     """
-    path, spelled = file
-    return _called(function, arguments, name, _Source(spelled, spelled, path), shape)[1]
+    path, shown = file
+    return _called(function, arguments, name, _Source(shown, shown, path), shape)[1]
 
 
 @contextmanager
@@ -204,8 +202,8 @@ class _Source:
     """How errors name the user's code."""
 
     name: str  #: of the whole problem
-    file: str = ""  #: the file as the user spelled it, for what stands in a line of it
-    path: Path = Path()  #: the file
+    file: str = ""  #: the path that errors show; empty if there is no file
+    path: Path = Path()
 
     def of(self, key: str, function: Any) -> str:
         """A function of the definition, by the line where it begins."""
@@ -230,18 +228,20 @@ def _is_in(code: Any, path: Path) -> bool:
     return code is not None and code.co_filename == str(path)
 
 
-def from_definition(given: Any, name: str, where: str | _Source = "problem") -> Problem:
+def from_definition(definition: Any, name: str, where: str | _Source = "problem") -> Problem:
     """Problem from a `Definition` or anything with its attributes."""
     source = where if isinstance(where, _Source) else _Source(where)
     needed = ("mass_matrix", "u0", "v0", *_FUNCTIONS)
-    if missing := ", ".join(key for key in needed if not hasattr(given, key)):
-        raise ProblemError(f"{source.name} returned {_described(given)}, which lacks {missing}")
-    u0 = _attribute(given.u0, "u0", source, None)
+    if missing := ", ".join(key for key in needed if not hasattr(definition, key)):
+        raise ProblemError(
+            f"{source.name} returned {_described(definition)}, which lacks {missing}"
+        )
+    u0 = _attribute(definition.u0, "u0", source, None)
     n = len(u0)
-    v0 = _attribute(given.v0, "v0", source, (n,))
-    mass_matrix = _attribute(given.mass_matrix, "mass_matrix", source, (n, n))
-    t0 = float(_attribute(getattr(given, "t0", 0.0), "t0", source, ()))
-    chosen = {key: getattr(given, key, None) for key in (*_FUNCTIONS, *_OPTIONAL)}
+    v0 = _attribute(definition.v0, "v0", source, (n,))
+    mass_matrix = _attribute(definition.mass_matrix, "mass_matrix", source, (n, n))
+    t0 = float(_attribute(getattr(definition, "t0", 0.0), "t0", source, ()))
+    chosen = {key: getattr(definition, key, None) for key in (*_FUNCTIONS, *_OPTIONAL)}
     used, gradient = _used(chosen, u0, v0, t0, source)
     m = gradient.shape[1]
     _require_regular(mass_matrix, gradient, source, chosen["gradient"])
@@ -250,7 +250,7 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
     rows = {key: used[key] for key in constraint_rows.NAMES if key in used}
     compiled = all(isinstance(f, Dispatcher) for key, f in used.items() if key != "energy")
     compile_ = njit if compiled else differences.as_it_is
-    quadratic = bool(getattr(given, "quadratic", False))
+    quadratic = bool(getattr(definition, "quadratic", False))
     places, of_g = (
         [index.ravel().astype(np.int64) for index in np.indices(shape)]
         for shape in ((n, n), (n, m))
@@ -270,15 +270,17 @@ def from_definition(given: Any, name: str, where: str | _Source = "problem") -> 
         compiled=compiled,
         quadratic=quadratic,
         potential=_potential(used.get("energy"), mass_matrix),
-        coordinates_given=_names(given, "coordinate_names", n, source),
-        constraints_given=tuple((name,) for name in _names(given, "constraint_names", m, source)),
+        coordinates_given=_names(definition, "coordinate_names", n, source),
+        constraints_given=tuple(
+            (name,) for name in _names(definition, "constraint_names", m, source)
+        ),
         rows_given="exact"
         if quadratic or len(rows) == len(constraint_rows.NAMES)
         else "differences",
         rates=constraint_rows.rates(functions, rows),
     )
-    given_twice = {key: f for key, f in used.items() if key not in _FUNCTIONS}
-    agreement = Agreement(problem, functions, given_twice, lambda key: source.of(key, chosen[key]))
+    restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
+    agreement = Agreement(problem, functions, restated, lambda key: source.of(key, chosen[key]))
     agreement.at_load()
     _require_quadratic(problem, functions, source, chosen["constraints"])
     _require_consistent(problem, gradient, source)
@@ -318,9 +320,9 @@ def _require_regular(mass: Array, gradient: Array, source: _Source, function: An
         )  # fmt: skip
 
 
-def _names(given: Any, key: str, count: int, source: _Source) -> tuple[str, ...]:
+def _names(definition: Any, key: str, count: int, source: _Source) -> tuple[str, ...]:
     """Names that a definition gives; none where it gives none."""
-    names = getattr(given, key, None)
+    names = getattr(definition, key, None)
     if names is None:
         return ()
     if isinstance(names, str) or not isinstance(names, Iterable):
@@ -414,7 +416,7 @@ def warm() -> None:
 
 
 def _require_quadratic(
-    problem: Problem, functions: Mapping[str, Any], source: _Source, given: Any
+    problem: Problem, functions: Mapping[str, Any], source: _Source, function: Any
 ) -> None:
     """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ, if declared so."""
     u, t = problem.u0, problem.t0
@@ -430,9 +432,9 @@ def _require_quadratic(
         )
         size = float(np.abs(expected).max() + np.abs(begin).max() + np.abs(end).max())
         if np.abs(end - begin - expected).max() > _CONSISTENCY * size:
-            raise source.error("constraints", "are declared quadratic, but are not", given)
+            raise source.error("constraints", "are declared quadratic, but are not", function)
         if np.abs(later - end).max() > _CONSISTENCY * size:
-            raise source.error("constraints", "are declared quadratic, but depend on t", given)
+            raise source.error("constraints", "are declared quadratic, but depend on t", function)
 
 
 def _require_consistent(problem: Problem, gradient: Array, source: _Source) -> None:
@@ -460,17 +462,17 @@ def _called(
     Newton iteration.
     """
     try:
-        given = function(*arguments)
+        result = function(*arguments)
     except BaseException as error:  # an exit included
         if user_code.is_interrupt(error):
             raise
         where = _line(error, source.path) if source.file else ""
         name = f"{source.file}{where}: {key}" if where else source.of(key, function)
         raise ProblemError(f"{name} failed: {_describe(error)}") from None
-    value = _array(given, key, "returned {given}, expected {expected}", source, shape, function)
+    value = _array(result, key, "returned {value}, expected {expected}", source, shape, function)
     if not np.all(np.isfinite(value)):
         raise source.error(key, f"is not finite at the start: {_place_of(value)}", function)
-    if isinstance(given, np.ndarray) or shape == ():
+    if isinstance(result, np.ndarray) or shape == ():
         return value, function
     return value, _converting(function)
 
@@ -487,16 +489,16 @@ def _converting(function: Callable[..., Any]) -> Callable[..., Array]:
     return lambda *arguments: _numbers(function(*arguments))
 
 
-def _attribute(given: Any, key: str, source: _Source, shape: tuple[int, ...] | None) -> Array:
+def _attribute(value: Any, key: str, source: _Source, shape: tuple[int, ...] | None) -> Array:
     """An attribute as an array of its own; any length if the shape is None."""
-    array = _array(given, key, "must be {expected}, given {given}", source, shape)
+    array = _array(value, key, "must be {expected}, given {value}", source, shape)
     if not np.all(np.isfinite(array)):
         raise source.error(key, f"must be finite: {_place_of(array)}")
     return array.copy(order="C")
 
 
 def _array(
-    given: Any,
+    value: Any,
     key: str,
     complaint: str,
     source: _Source,
@@ -506,20 +508,20 @@ def _array(
     """The user's value as an array of floats; one dimension if the shape is None."""
     unsized = "(m,)" if key == "constraints" else "(n,)"
     expected = "a number" if shape == () else f"an array of shape {shape or unsized}"
-    described = _described(given)
+    described = _described(value)
     try:
-        array = _numbers(given)
+        array = _numbers(value)
         if array.ndim == 1 if shape is None else array.shape == shape:
             return array
         described = f"{described} of shape {array.shape}" if array.ndim else described
     except (TypeError, ValueError):
         pass
-    raise source.error(key, complaint.format(given=described, expected=expected), function)
+    raise source.error(key, complaint.format(value=described, expected=expected), function)
 
 
-def _numbers(given: Any) -> Array:
+def _numbers(value: Any) -> Array:
     """A new or the same array of floats; TypeError or ValueError if these are not numbers."""
-    array = np.asarray(given)
+    array = np.asarray(value)
     # Text that reads as a number, and complex numbers, would be converted silently.
     if array.dtype.kind not in "biufO":
         raise TypeError("not numbers")
@@ -535,13 +537,13 @@ def _place_of(array: Array) -> str:
     return f"component {where} is {array[place]}" if place else f"it is {float(array)}"
 
 
-def _described(given: Any) -> str:
+def _described(value: Any) -> str:
     """A returned or given value, in few words."""
-    if isinstance(given, np.generic):
-        given = given.item()
-    if given is None or isinstance(given, str | bool | int | float | complex):
-        return repr(given)[:60]
-    name = "array" if isinstance(given, np.ndarray) else type(given).__name__
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, str | bool | int | float | complex):
+        return repr(value)[:60]
+    name = "array" if isinstance(value, np.ndarray) else type(value).__name__
     return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
 
 

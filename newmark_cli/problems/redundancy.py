@@ -59,13 +59,13 @@ def null_space(gradient: scipy.sparse.csc_array, tolerance: float) -> Array:
     while True:
         if count * m > _MOST:
             raise MemoryError(f"more than {count // 2} constraints depend on each other")
-        found = random.normal(size=(m, count))
+        vectors = random.normal(size=(m, count))
         for _ in range(_TIMES):
-            found = np.linalg.qr(factors.solve(found))[0]
-        _, values, turned = np.linalg.svd(gradient @ found, full_matrices=False)
+            vectors = np.linalg.qr(factors.solve(vectors))[0]
+        _, values, turned = np.linalg.svd(gradient @ vectors, full_matrices=False)
         null = values <= max(tolerance * np.sqrt(m), _NULL)
         if not null.all() or count == m:
-            return np.asarray((found @ turned.T)[:, null])
+            return np.asarray((vectors @ turned.T)[:, null])
         count = min(4 * count, m)
 
 

@@ -100,14 +100,14 @@ class _Watch:
         self._largest = max(self._largest, least.max())
         changes = np.linalg.norm(np.diff(g, axis=0), axis=(1, 2))
         self.close = self.close or bool(np.any(least[:-1] + least[1:] <= changes))
-        at_one = least[-1] < _SINGULAR * self._largest
-        if at_one and not self._small:
+        at_singular = least[-1] < _SINGULAR * self._largest
+        if at_singular and not self._small:
             raise NoReference(
                 f"{self._problem.name}: no reference beyond t = {times[-1] - self._problem.t0:g}, "
                 f"where the constraints lose rank: a problem of more than {collocation.LARGEST} "
                 "coordinates and constraints is not followed through"
             )
-        if self._small and (at_one or singular.crossings(times, g)):
+        if self._small and (at_singular or singular.crossings(times, g)):
             raise _SingularError
         del self._times[:-2], self._g[:-2]
 
@@ -127,9 +127,9 @@ class Reference:
     multipliers_error: float  #: that of λ, the largest error of a multiplier over its scale
 
 
-def relative_error(found: Array, reference: Array) -> float:
-    """max|found − reference| / max|reference|; 0 where both vanish."""
-    error, size = float(np.abs(found - reference).max()), float(np.abs(reference).max())
+def relative_error(computed: Array, reference: Array) -> float:
+    """max|computed − reference| / max|reference|; 0 where both vanish."""
+    error, size = float(np.abs(computed - reference).max()), float(np.abs(reference).max())
     return error if error == 0 else error / size if size > 0 else np.inf
 
 
@@ -153,7 +153,7 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
             there are too many steps, or it is so sensitive that rounding spoils it.
     """
     variants = _variants(problem)
-    systems = [Index1(each) for each in variants]
+    systems = [Index1(variant) for variant in variants]
     end = problem.t0 + t
     try:
         # A step that is much too long may overflow; what is not finite is not accepted.
@@ -274,7 +274,7 @@ def _changed_by_differences(
 ) -> tuple[Array, Array]:
     """By how much other steps of differences may change v (n,) and λ (m,) at a state."""
     rate, curvature = np.abs(
-        np.array([each.constraint_derivatives(t, u, v) for each in variants])
+        np.array([variant.constraint_derivatives(t, u, v) for variant in variants])
         - variants[0].constraint_derivatives(t, u, v)
     ).max(axis=0)
     if not (rate.any() or curvature.any()):
@@ -308,13 +308,13 @@ def _straight(systems: Sequence[Index1], end: float, on_work: Callable[[], None]
     """
     problem = systems[0].problem
     size = problem.n + problem.m
-    found: list[_State] = []
+    states: list[_State] = []
     close = False
     for system in systems:
-        tolerance = _COARSE if found else _TOLERANCE
+        tolerance = _COARSE if states else _TOLERANCE
         watch = _Watch(problem) if size <= singular.LARGEST else None
         try:
-            found.append(_integrated(system, end, tolerance, on_work, watch))
+            states.append(_integrated(system, end, tolerance, on_work, watch))
         except (NoReference, np.linalg.LinAlgError):
             if watch is not None:
                 watch.judge()
@@ -322,10 +322,10 @@ def _straight(systems: Sequence[Index1], end: float, on_work: Callable[[], None]
                     raise _SingularError from None
             raise
         close = close or (watch is not None and watch.close)
-    differ = any(relative_error(coarse[0], found[0][0]) > _DOUBTFUL for coarse in found[1:])
+    differ = any(relative_error(coarse[0], states[0][0]) > _DOUBTFUL for coarse in states[1:])
     if close and differ and size <= collocation.LARGEST:
         raise _SingularError
-    return found
+    return states
 
 
 def _across(
@@ -365,7 +365,7 @@ def _across(
             )
     first = fine.singular[0] - problem.t0 if fine.singular else end - problem.t0
     passage = f"past the singular position at t = {first:g} "
-    return [(each.u, each.v) for each in (fine, *coarse)], passage
+    return [(motion.u, motion.v) for motion in (fine, *coarse)], passage
 
 
 def _integrated(

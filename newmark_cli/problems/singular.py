@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Problem, dense_matrix
 from newmark_cli.support.arrays import Array
 
 #: Most unknowns n + m for which a singular value decomposition is worth its time.
@@ -42,9 +42,8 @@ def gradient(problem: Problem, t: float, u: Array) -> Array:
     between 0 and √m.
     """
     values = problem.values(t, u, np.zeros(problem.n), np.zeros(problem.m))
-    g = np.zeros((problem.n, problem.m))
-    np.add.at(g, (problem.pattern.g_rows, problem.pattern.g_columns), values.g)
-    return scaled(g)
+    pattern, shape = problem.pattern, (problem.n, problem.m)
+    return scaled(dense_matrix(pattern.g_rows, pattern.g_columns, values.g, shape))
 
 
 def scaled(g: Array) -> Array:
@@ -75,7 +74,7 @@ def crossings(times: Array, g: Array) -> list[Crossing]:
     """
     least, steps = _least(g), np.diff(times)
     changes = np.linalg.norm(np.diff(g, axis=0), axis=(1, 2))
-    found = []
+    positions = []
     passed = np.zeros(len(steps), bool)
     # A value cannot vanish in between unless G changes by both its values.
     near = least[:-1] + least[1:] <= changes
@@ -86,7 +85,7 @@ def crossings(times: Array, g: Array) -> list[Crossing]:
         for ratio in ratios[ratios < 0]:
             passed[i] = True
             time = float(times[i] + steps[i] / (1 - ratio))
-            found.append(Crossing(time, _is_straight(rate, least, steps, i, i + 1)))
+            positions.append(Crossing(time, _is_straight(rate, least, steps, i, i + 1)))
     for j in range(1, len(least) - 1):
         before, here, after = least[j - 1 : j + 2]
         if passed[j - 1] or passed[j] or here > min(before, after, _SMALL):
@@ -94,13 +93,13 @@ def crossings(times: Array, g: Array) -> list[Crossing]:
         rise, fall = (after - here) / steps[j], (before - here) / steps[j - 1]
         if here <= _ZERO:
             straight = _is_straight(min(rise, fall), least, steps, j - 1, j + 1)
-            found.append(Crossing(float(times[j]), straight))
+            positions.append(Crossing(float(times[j]), straight))
             continue
         bend = (rise + fall) / (steps[j - 1] + steps[j])
         slope = rise - bend * steps[j]
         if bend > 0 and here - slope**2 / (4 * bend) < _VERTEX * here:
-            found.append(Crossing(float(times[j] - slope / (2 * bend)), False))
-    return sorted(found)
+            positions.append(Crossing(float(times[j] - slope / (2 * bend)), False))
+    return sorted(positions)
 
 
 def _least(g: Array) -> Array:

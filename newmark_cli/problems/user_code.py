@@ -11,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from importlib.machinery import (
     SOURCE_SUFFIXES,
     FileFinder,
@@ -29,18 +30,18 @@ from newmark_cli.support.errors import one_line
 _importing = threading.RLock()
 #: Folders of installed packages.
 _INSTALLED = frozenset(("site-packages", "dist-packages"))
-#: File of the user's, as tracebacks name it → as the user spells it.
-_spelled: dict[str, str] = {}
+#: File of the user's, as tracebacks name it → as errors show it.
+_shown: dict[str, str] = {}
 #: Most characters of an error that `described` returns.
 _LONGEST = 300
 
 
-def run(path: Path, source: bytes, name: str, spelled: str = "") -> ModuleType:
+def run(path: Path, source: bytes, name: str, shown: str = "") -> ModuleType:
     """A module from the source of a file; raises whatever its code raises.
 
-    No other module has its name; `described` spells the file as given, if it is.
+    No other module has its name; ``shown`` is the path in errors, when it is another.
     """
-    _spelled[str(path)] = spelled or str(path)
+    _shown[str(path)] = shown or str(path)
     module = ModuleType(name)
     module.__file__ = str(path)
     sys.modules[name] = module  # dataclasses look their module up
@@ -57,7 +58,7 @@ def described(error: BaseException, otherwise: str = "") -> str:
     where = f"{otherwise}: " if otherwise else ""
     frame = error.__traceback__
     while frame is not None:
-        file = _spelled.get(frame.tb_frame.f_code.co_filename)
+        file = _shown.get(frame.tb_frame.f_code.co_filename)
         if file is not None:
             where = f"{file}, line {frame.tb_lineno}: "
         frame = frame.tb_next
@@ -88,41 +89,39 @@ class _Beside:
     """Finds the modules of a folder, for `sys.meta_path`.
 
     Attributes:
-        found: Names of those that were asked for.
+        imported: Names of those that were imported.
         sources: Path, relative to the folder, → what was run, of each.
     """
 
-    def __init__(self, folder: Path, spelled: PurePath) -> None:
-        self._folder, self._spelled = str(folder), spelled
-        self.found: set[str] = set()
+    def __init__(self, folder: Path, shown: PurePath) -> None:
+        self._folder, self._shown = str(folder), shown
+        self.imported: set[str] = set()
         self.sources: dict[str, bytes] = {}
 
     def find_spec(
         self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
         parent = name.rpartition(".")[0]
-        foreign = parent not in self.found if parent else _is_another(name)
+        foreign = parent not in self.imported if parent else _is_another(name)
         if foreign:
             return None
         for folder in path or [self._folder]:
-            finder = FileFinder(folder, (self._loader, SOURCE_SUFFIXES))  # type: ignore[arg-type]
+            loader = partial(_AsWritten, note=self._note)
+            finder = FileFinder(folder, (loader, SOURCE_SUFFIXES))  # type: ignore[arg-type]
             spec = finder.find_spec(name)
             if spec is None:
                 continue
             # A mere folder gives way to a module of the same name, wherever that is.
             if spec.loader is None and _is_module(PathFinder.find_spec(name, path)):
                 continue
-            self.found.add(name)
+            self.imported.add(name)
             return spec
         return None
-
-    def _loader(self, name: str, path: str) -> _AsWritten:
-        return _AsWritten(name, path, self._note)
 
     def _note(self, path: str, source: bytes) -> None:
         relative = Path(os.path.relpath(path, self._folder)).as_posix()
         self.sources[relative] = source
-        _spelled[path] = str(self._spelled / relative)
+        _shown[path] = str(self._shown / relative)
 
 
 def _is_another(name: str) -> bool:
@@ -138,14 +137,14 @@ def _is_module(spec: ModuleSpec | None) -> bool:
 
 
 @contextmanager
-def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes]]:
+def imports_from(folder: Path, shown: str = "") -> Iterator[Mapping[str, bytes]]:
     """Modules of a folder can be imported in this context.
 
     Who has imported one keeps it; after the context the name stands for what it did before.
     Yields path, relative to the folder, → source of each that was imported until then.
     """
     folder = folder.absolute()
-    beside = _Beside(folder, PurePath(spelled))
+    beside = _Beside(folder, PurePath(shown))
     with _importing, _no_cache(folder):
         # A notebook may have imported what a module said before it was edited.
         before = {name: sys.modules.pop(name) for name in _named_like_those_of(folder)}
@@ -154,7 +153,7 @@ def imports_from(folder: Path, spelled: str = "") -> Iterator[Mapping[str, bytes
             yield beside.sources
         finally:
             sys.meta_path.remove(beside)
-            for name in beside.found:
+            for name in beside.imported:
                 sys.modules.pop(name, None)
             sys.modules.update(before)
 
