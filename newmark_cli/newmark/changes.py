@@ -150,9 +150,7 @@ class Model:
     @property
     def decay(self) -> float:
         """Factor by which errors of the past fall in a step at constant h, in the long run."""
-        free = (
-            slice(1, None) if self.prescribed == POSITION and not self.projected else slice(2, None)
-        )
+        free = slice(1 if self.prescribed == POSITION and not self.projected else 2, None)
         matrix = self.matrix(1.0, 1.0, 1.0)
         size = len(matrix) - 4
         values = np.linalg.eigvals(matrix[:size, :size][free, free])

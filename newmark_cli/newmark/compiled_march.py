@@ -47,7 +47,7 @@ class _Numbers(NamedTuple):
     carried: Array  #: (P, P + 1) see `Scheme.carried`
 
     def arrays(self, units: int) -> dict[tuple[str, str], Array]:
-        """Those that do, by what they are a part of; ``units`` of the work space do."""
+        """(part, name) → array that may change; of the work space the first ``units`` numbers."""
         arrays = {("", "h"): self.h, ("", "carried"): self.carried}
         for part, names in _CHANGING.items():
             if (tables := getattr(self, part)) is not None:
@@ -55,7 +55,7 @@ class _Numbers(NamedTuple):
         return {**arrays, ("static", "work"): self.static.work[:units]}
 
     def among(self, numbers: Array, units: int) -> "_Numbers":
-        """The same with these arrays as parts of one, which ends with the work space."""
+        """The same, its arrays being parts of ``numbers``, which ends with the work space."""
         arrays, begin, groups = self.arrays(units), 0, dict[str, dict[str, Any]]()
         for (part, name), array in arrays.items():
             size = None if name == "work" else begin + array.size
@@ -146,7 +146,7 @@ class Engine:
         self.exchanges = Exchanges(problem, scheme, self._numbers.dense) if of_index_3 else None
 
     def _numbers_of(self, scheme: Scheme) -> _Numbers:
-        """What a scheme tells the kernel; what does not depend on the step size is known."""
+        """What a scheme tells the kernel; orders of elimination and P are reused."""
         problem, static = self.problem, self.static
         nothing = no_tables(scheme)
         eliminated = nothing
@@ -173,7 +173,7 @@ class Engine:
         return self._row_of[kind]
 
     def _at_once(self, first: int, count: int) -> int:
-        """How many of so many steps the kernel takes in one call."""
+        """How many of ``count`` steps the kernel takes in one call."""
         if self.schemes.grid.varies:
             across = self.schemes.across
             later = across[np.searchsorted(across, first + 1, side="right") :]
@@ -184,7 +184,7 @@ class Engine:
         return count
 
     def _sizes(self, first: int, count: int) -> Sizes:
-        """What the kernel is told of so many steps after the first ones."""
+        """Times and sizes of ``count`` steps, after as many as ``first``."""
         grid, numbers = self.schemes.grid, self._numbers
         which, rows = np.zeros(count + 1, np.int64), np.empty((0, 0), numbers.h.dtype)
         if grid.varies:

@@ -91,8 +91,8 @@ def projector(problem: Problem) -> Projector:
     mass = scipy.sparse.csr_array(
         (problem.mass_values, (pattern.mass_rows, pattern.mass_columns)), (n, n)
     )
-    every = np.arange(len(pattern.g_rows))
-    plain = Projector(pattern.g_rows, pattern.g_columns, every, np.ones(len(every)))
+    entries = np.arange(len(pattern.g_rows))
+    plain = Projector(pattern.g_rows, pattern.g_columns, entries, np.ones(len(entries)))
     count, labels = connected_components(mass, directed=False)
     if np.bincount(labels, minlength=count).max() > _LARGEST_BLOCK:
         diagonal = mass.diagonal()

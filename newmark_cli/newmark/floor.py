@@ -132,11 +132,11 @@ class _Results:
         self._phase = random.uniform(-0.5, 0.5, size=self.unit.shape)
 
     def lie(self, off: Array) -> None:
-        """Let exact results lie so far from the machine number that `rounded` counts from."""
+        """Set how far exact results are from the machine numbers that `rounded` starts from."""
         self._phase = off * self._per_unit
 
     def lie_like(self, others: "_Results", where: Any) -> None:
-        """Let exact results lie between machine numbers as others do."""
+        """Place exact results between machine numbers as others are."""
         self._phase = np.where(where, others._phase, self._phase)
 
     def rounded(self, moved: Array) -> Array:
@@ -148,7 +148,7 @@ class _Results:
         return np.asarray((self.rounded(moved) - self.exact(moved)) * self._rounds)
 
     def exact(self, moved: Array) -> Array:
-        """How far the exact results are from the machine number that `rounded` counts from."""
+        """How far the exact results are from the machine numbers that `rounded` starts from."""
         return np.asarray(moved + self.unit * self._phase)
 
     def nearest(self, moved: Array) -> Array:
@@ -219,10 +219,8 @@ class _Model:
             # Those of the step that ends here: even where a alternates, they do not.
             u, v = self.fields[:2]
             smooth = Index1(problem).accelerations(t, u, v)[0]
-            marched, past = (
-                scheme.marched,
-                algebra.product(scheme.relations.start, np.array([u, v, smooth])),
-            )
+            marched = scheme.marched
+            past = algebra.product(scheme.relations.start, np.array([u, v, smooth]))
             self.moving[0] = marched.u_from_a * smooth + algebra.product(marched.u_past, past)
             self.moving[1] = marched.v_from_a * smooth + algebra.product(marched.v_past, past)
         #: Fields that are formed in every iteration, so that they round then.

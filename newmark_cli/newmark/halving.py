@@ -84,7 +84,7 @@ class Halving:
         return COMPLETED, done
 
     def _next_known(self, step: int) -> int:
-        """The next step that is known; steps are found in their order."""
+        """The next known step; they become known in order."""
         if next(reversed(self._known), 0) < step:
             return sys.maxsize
         return min(known for known in self._known if known > step)
@@ -92,7 +92,7 @@ class Halving:
     def _in_parts(
         self, state: State, step: int, norms: Array, iterations: IndexArray, positions: IndexArray
     ) -> bool:
-        """Take one step in as many parts as it needs; whether they meet the test."""
+        """Take a step in as many parts as it needs; False if even the smallest miss the test."""
         size, (behind, parts) = self._schemes.grid.size(step), self._known[step]
         before = state.copy()
         corrections = abs(int(iterations[0]))
@@ -117,7 +117,7 @@ class Halving:
         return False
 
     def _of(self, size: float, parts: int, behind: tuple[float, float]) -> tuple[TimeGrid, Engine]:
-        """Grid and engine of so many steps of a size (s) after others."""
+        """Grid and engine of ``parts`` steps of a size (s), and the sizes before them."""
         key = (size, float(parts), *behind)
         if key not in self._parts:
             if len(self._parts) >= _MOST_KEPT:

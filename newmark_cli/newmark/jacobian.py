@@ -209,8 +209,8 @@ class Jacobian:
         self._weights = np.concatenate([np.full(len(term[2]), term[3]) for term in terms])
         self.terms = len(self._weights)
 
-        every = np.arange(self.size)
-        self.order = order or Order(every, every)
+        places = np.arange(self.size)
+        self.order = order or Order(places, places)
         keys, self._slots = np.unique(
             np.argsort(self.order.columns)[columns] * self.size + np.argsort(self.order.rows)[rows],
             return_inverse=True,

@@ -238,7 +238,7 @@ class March:
             ending, taken, norms, iterations, positions = self._marched(steps, record)
             pivoted = self._pivoted - pivoted
             if ending != COMPLETED:
-                # Newton has overwritten the state on its way to a step that there is not.
+                # Newton has overwritten the state in the step that failed.
                 self.state.restore(before)
                 self._marched(taken, recording(self.state, np.empty(0)))
             reached = bisect_right(looks, begin + taken)

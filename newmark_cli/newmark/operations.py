@@ -79,7 +79,7 @@ class _Number(NDArrayOperatorsMixin):
 
     @property
     def real(self) -> "_Number":
-        """It is no complex one."""
+        """Itself: it is not complex."""
         return self
 
     __add__ = __radd__ = __iadd__ = _counting(add)

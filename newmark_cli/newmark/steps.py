@@ -256,8 +256,8 @@ class TimeGrid:
         Of steps of one size the first three stand for all.
         """
         sizes = np.full(3, self.h) if self.sizes is None else self.sizes
-        every = np.concatenate([self.before[::-1], sizes])
-        return np.array([every[2:], every[1:-1], every[:-2]])
+        padded = np.concatenate([self.before[::-1], sizes])
+        return np.array([padded[2:], padded[1:-1], padded[:-2]])
 
     @cached_property
     def _kinds(self) -> tuple[Array, IndexArray]:

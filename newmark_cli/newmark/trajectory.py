@@ -111,16 +111,12 @@ def enforced_by(scheme: Scheme) -> str:
 
 def step_of(march: March, stretch: Stretch | None = None) -> Step:
     """Where a march stands."""
-    here = march.seen
-    unknowns = march.scheme.recorded
-    took = stretch is not None and len(stretch.iterations) > 0
-    iterations = int(stretch.iterations[-1]) if stretch and took else 0
-    norms = stretch.norms[-1].tolist() if stretch and took else [0.0] * len(unknowns)
-    state = march.state.copy()
-    scheme = march.scheme
-    varies = march.grid.varies
+    here, scheme, varies = march.seen, march.scheme, march.grid.varies
+    iterations, norms = 0, [0.0] * len(scheme.recorded)
+    if stretch and len(stretch.iterations):
+        iterations, norms = int(stretch.iterations[-1]), stretch.norms[-1].tolist()
     carried = _Carried(
-        state,
+        march.state.copy(),
         march.t if varies else march.problem.t0,
         0 if varies else march.done,
         march.done,
@@ -137,7 +133,7 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
         multipliers=here.multipliers,
         iterations=abs(iterations),
         converged=iterations >= 0,
-        norms=dict(zip(unknowns, norms, strict=True)),
+        norms=dict(zip(scheme.recorded, norms, strict=True)),
         carried=carried,
     )
 
@@ -411,7 +407,7 @@ def _place(name: str, kind: str, names: Sequence[str]) -> int:
 
 
 class _Rows:
-    """An array that grows by rows; twice the room whenever it is full, at most ``most``."""
+    """An array that grows by rows, doubling when it is full, up to ``most`` rows."""
 
     def __init__(self, shape: tuple[int, ...], dtype: Any, most: int | None) -> None:
         self._values = np.empty((min(most or 64, 64), *shape), dtype)
@@ -457,7 +453,7 @@ class Recorder:
         self._needed = needed
         self._begin = march.done
         self._not_converged, self._corrections = 0, 0
-        # An interrupt may come while rows are written: those that count are counted last.
+        # Counted once they are written, in case of an interrupt.
         self._kept, self._last = 0, -1
         self._rows = {name: _Rows((), np.int64, most) for name in ("number", "count")}
         self._names = [name for name in KEPT if name in keep]
@@ -471,7 +467,7 @@ class Recorder:
 
     @property
     def over(self) -> bool:
-        """Whether the march has come to its end before it was told to."""
+        """Whether the march has ended early."""
         return self.march.ending != COMPLETED or not self.finite or bool(self.reason)
 
     @property
@@ -511,7 +507,7 @@ class Recorder:
         here = step_of(self.march, stretch) if finite and taken else self._good
         not_converged = self._not_converged + int(np.count_nonzero(stretch.iterations < 0))
         corrections = self._corrections + int(np.abs(stretch.iterations).sum())
-        # At once, for an interrupt: rows, the last good step and the counts belong together.
+        # In one statement, lest an interrupt part rows, the last good step and the counts.
         self._kept, self._last, self.finite, self._good, self._not_converged, self._corrections = (
             kept, last, finite, here, not_converged, corrections
         )  # fmt: skip
@@ -520,7 +516,7 @@ class Recorder:
             self.reason = self._needed.reason
 
     def _written(self, rows: Mapping[str, Any]) -> tuple[int, int]:
-        """Write rows; returns how many there are with them, and the last step that is kept."""
+        """Write rows; returns the new number of rows and the last step that is kept."""
         for name, values in rows.items():
             self._rows[name].write(self._kept, values)
         steps = rows["number"]

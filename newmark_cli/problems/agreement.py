@@ -322,10 +322,8 @@ def _columns(
     nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), matrix.T.shape)
     largest = float(sizes.max())
     for j, own in enumerate(sizes.tolist()):
-        part, first = (
-            _Part(along(j), _LONGEST * largest),
-            round(np.log(largest / own) / np.log(_RATIO)),
-        )
+        part = _Part(along(j), _LONGEST * largest)
+        first = round(np.log(largest / own) / np.log(_RATIO))
         if wrong := _contradicted(matrix[:, j], [part], nothing[j], _FIRST + first):
             i, expected = wrong
             yield _wrong(key, (j, i) if key == "gradient" else (i, j), matrix[i, j], expected)

@@ -108,7 +108,7 @@ def spectral_norm(matrix: Array) -> float:
 
 @cache
 def _compiled(function: Any) -> Any:
-    # Who reads results does without numba, which takes long to import.
+    # Numba takes long to import, and reading results does not need it.
     from newmark_cli.support.cached_code import cached_njit
 
     return cached_njit(nogil=True, error_model="numpy")(function)

@@ -11,7 +11,7 @@ import numpy as np
 #: What comes from here is what its name says; the versions are part of every record.
 _LIBRARIES = frozenset(("builtins", "math", "cmath", "numpy", "scipy", "numba"))
 _FUNCTIONS = ("force", "constraints", "gradient", "stiffness", "damping", "energy")
-#: Counted only where they are given: digests of definitions without them are as they were.
+#: Left out where they are None, so that digests of older definitions stay the same.
 _OPTIONAL = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
 
 
@@ -36,11 +36,11 @@ def of_definition(definition: Any) -> str:
 
 
 class _Unknown(Exception):
-    """Something that has no content that could be looked at."""
+    """A value whose content cannot be read."""
 
 
 def _root(value: Any) -> str:
-    """Top package of a module, or of what was defined in one; empty where nobody knows."""
+    """Top package of a module, or of what was defined in one; empty if unknown."""
     if isinstance(value, np.ufunc):
         return "numpy"
     name = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
@@ -48,7 +48,7 @@ def _root(value: Any) -> str:
 
 
 def _known(value: Any) -> str:
-    """Where something of a library comes from, whose name says what it is."""
+    """Module of a library's object, whose name says what it is."""
     if _root(value) not in _LIBRARIES:
         raise _Unknown
     return str(getattr(value, "__module__", None) or "")

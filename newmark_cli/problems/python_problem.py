@@ -141,7 +141,7 @@ def load(
 
 @contextmanager
 def _ran(path: Path, file: str, kind: str) -> Iterator[tuple[Any, bytes, Mapping[str, bytes]]]:
-    """The module of a file, what the file says, and modules beside it as they are imported."""
+    """Module and source of a file, and the modules beside it as they are imported."""
     try:
         source = files.read(path, _MOST_BYTES, links=True)
     except OSError as error:
@@ -290,7 +290,7 @@ def from_definition(definition: Any, name: str, where: str | _Source = "problem"
 def _used(
     chosen: Mapping[str, Any], u: Array, v: Array, t: float, source: _Source
 ) -> tuple[dict[str, Any], Array]:
-    """Functions of a definition, as they return arrays, and G at the start."""
+    """Functions of a definition, made to return arrays, and G at the start."""
     for key, function in chosen.items():
         if not (callable(function) or (function is None and key not in _FUNCTIONS)):
             raise source.error(key, f"must be a function, given {_described(function)}")

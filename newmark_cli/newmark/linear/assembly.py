@@ -52,9 +52,9 @@ def constants(problem: Problem, scheme: Scheme) -> Constants:
         for r, weights in enumerate(tables.row_weights):
             factor = tables.left[1 + r] * weights[k] * right
             if factor != 0:
-                every = np.arange(n)
+                coordinates = np.arange(n)
                 diagonal = np.full(n, factor, scheme.dtype)
-                parts.append(((1 + r) * n + every, k * n + every, diagonal))
+                parts.append(((1 + r) * n + coordinates, k * n + coordinates, diagonal))
     return Constants(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 

@@ -24,7 +24,7 @@ PRECISION, DIGITS = 220, 60
 #: Largest last correction, and components that count as zero, both relative to the largest
 #: component in balanced unknowns.
 _CONVERGED, _ZERO = Decimal("1e-170"), Decimal("1e-100")
-#: A refinement that gains less is none.
+#: Largest ratio of successive residuals with which refinement goes on.
 _GAIN = Decimal("0.1")
 #: Most unknowns of a system that is eliminated in decimal arithmetic.
 _ELIMINATED_UP_TO = 400
@@ -87,7 +87,7 @@ def backward_error(matrix: scipy.sparse.csc_array, rhs: Array, x: Sequence[float
 
 @contextmanager
 def _arithmetic() -> Iterator[None]:
-    """Nothing of the caller's own context, which may trap what is inexact."""
+    """A context of its own: the caller's may trap inexact results."""
     with decimal.localcontext(decimal.Context(prec=PRECISION)):
         yield
 

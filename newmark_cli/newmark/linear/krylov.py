@@ -215,7 +215,7 @@ def _gmres_cycle(
 
 
 class _Reached(Exception):
-    """The residual is as wanted."""
+    """The residual meets the tolerance."""
 
 
 def _minres(

@@ -106,8 +106,8 @@ def _written(
     """Partial pivoting with an order of rows; None where there is too much fill."""
     fixed = assembly.constants(problem, scheme)
     sums = assembly.of_index_3(problem, scheme)
-    every = np.concatenate([fixed.rows, sums.rows]), np.concatenate([fixed.columns, sums.columns])
-    lists = EliminationLists(Order(rows, np.arange(len(rows))), *every)
+    places = np.concatenate([fixed.rows, sums.rows]), np.concatenate([fixed.columns, sums.columns])
+    lists = EliminationLists(Order(rows, np.arange(len(rows))), *places)
     if lists.operations > generated.OPERATIONS_AT_MOST:
         return None
     # Entry by entry as the dense matrix has them, whose sums are rounded in its order.

@@ -191,7 +191,7 @@ class _Code:
     def _is_good(
         self, j: int, column: dict[int, ir.Value], below: Sequence[int], good: ir.Value
     ) -> ir.Value:
-        """Whether a pivot is, and all before it: positive, or the one of partial pivoting."""
+        """Whether all pivots so far are positive, or those of partial pivoting."""
         build, pivot, above = self.build, column[j], ir.Constant(self.number, 0.0)
         if not self.signed:
             pivot = build.call(self.magnitude, [pivot])

@@ -170,7 +170,7 @@ class _Parts:
         return module
 
     def _linked(self, function: Any, names: Sequence[str], module: Any) -> tuple[str, Any]:
-        """A compiled function as a part of a module; of what else comes along, nothing is used."""
+        """Link a compiled function into a module, where its helpers become internal."""
         kinds = (self._type(name) for name in names)
         name, code = bitcode(function, tuple(kinds))
         parsed = llvm.parse_bitcode(code)
@@ -247,11 +247,11 @@ class _Parts:
         arguments = [
             f"{number} %t" if name == "t" else parts.get(name, self._array(name)) for name in names
         ]
-        both = ", ".join(["ptr %result", "ptr %exception", *arguments])
-        return f"call i32 @{function}({both}) alwaysinline"
+        listed = ", ".join(["ptr %result", "ptr %exception", *arguments])
+        return f"call i32 @{function}({listed}) alwaysinline"
 
     def _kinds(self, names: Sequence[str]) -> list[str]:
-        """Types of arguments: for what is returned and for an exception come first."""
+        """Types of arguments, after those for the result and an exception."""
         number = {4: "float", 8: "double"}[self.dtype.itemsize]
         kinds = ["ptr", "ptr"]
         for name in names:
@@ -260,7 +260,7 @@ class _Parts:
         return kinds
 
     def _array(self, name: str, shape: tuple[int, ...] = (), data: str = "") -> str:
-        """An array as numba hands it on: two owners, size, of an item too, data, shape, strides."""
+        """An array as numba passes it: two owners, size, item size, data, shape, strides."""
         shape, constant = shape or self.shapes[name], name in self.constants
         item = (self.constants[name].dtype if constant else self.dtype).itemsize
         strides = [item * int(np.prod(shape[k + 1 :])) for k in range(len(shape))]

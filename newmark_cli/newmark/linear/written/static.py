@@ -47,9 +47,9 @@ class StaticElimination:
         if lists:
             self.lists = lists
             return
-        every = [self._constants, self._sums]
+        parts = [self._constants, self._sums]
         rows, columns = (
-            np.concatenate([getattr(part, side) for part in every]) for side in ("rows", "columns")
+            np.concatenate([getattr(part, side) for part in parts]) for side in ("rows", "columns")
         )
         order = static_order(problem, len(scheme.form.kept), rows, columns)
         self.lists = EliminationLists(order, rows, columns)
@@ -63,9 +63,9 @@ class StaticElimination:
         problem = self.problem
         values = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(problem.m))
         values = values._replace(x=0 * values.x, y=0 * values.y)
-        every = self._in_units(*self._constants), self._in_units(*self._terms(values))
+        parts = self._in_units(*self._constants), self._in_units(*self._terms(values))
         matrix = np.zeros((self.size, self.size))
-        for part in every:
+        for part in parts:
             np.add.at(matrix, (part.rows, part.columns), part.values)
         order = order_by_size(matrix, rows, columns)
         return EliminationLists(order, rows, columns, signed=False) if order else None
@@ -165,7 +165,7 @@ class StaticElimination:
     def matrix(self, values: Values) -> scipy.sparse.csc_array:
         """D_L J D_R at a state."""
         rows, columns, entries = (
-            np.concatenate(both) for both in zip(self._constants, self._terms(values), strict=True)
+            np.concatenate(pair) for pair in zip(self._constants, self._terms(values), strict=True)
         )
         return scipy.sparse.csc_array((entries, (rows, columns)), (self.size, self.size))
 
