@@ -180,7 +180,7 @@ class Case:
     """One series as the rules see it."""
 
     how: Mapping[str, str]  #: axis → value of its method
-    found: Sequence[Measured]  #: its runs that ended, by descending sizes
+    measured: Sequence[Measured]  #: its runs that ended, by descending sizes
     runs: Sequence[Run]  #: all of its runs, twins and those that failed included
     motion: Motion
     table: Runs
@@ -188,7 +188,7 @@ class Case:
     @property
     def h(self) -> Array:
         """(k,) step sizes, descending."""
-        return np.array([each.run.size for each in self.found])
+        return np.array([m.run.size for m in self.measured])
 
     @property
     def method(self) -> integrator.Integrator:
@@ -197,17 +197,17 @@ class Case:
 
     def has(self, name: str) -> bool:
         """Whether all runs have this quantity: ``"u"`` of an error, others of an invariant."""
-        return bool(self.found) and all(_key(name) in each.errors for each in self.found)
+        return bool(self.measured) and all(_key(name) in m.errors for m in self.measured)
 
     def values(self, name: str, ours: bool = False, statistic: str = "max") -> Array:
         """(k,) values, those of marches of this tool's if `ours`; NaN where there are none."""
-        rows = [(each.ours if ours else each.errors).get(_key(name)) for each in self.found]
+        rows = [(m.ours if ours else m.errors).get(_key(name)) for m in self.measured]
         return np.array([getattr(row and row.statistics, statistic, math.nan) for row in rows])
 
     def clear(self, name: str) -> Mask:
         """(k,) where rounding does not matter; all where nobody knows it."""
         values = self.values(name)
-        unsure = np.nan_to_num(roundings(self.found, _key(name)))
+        unsure = np.nan_to_num(roundings(self.measured, _key(name)))
         return np.isfinite(values) & (values > 0) & (unsure < _CLEAR * values)
 
     def order(self, name: str, points: int = 4, statistic: str = "max") -> float:
@@ -228,7 +228,7 @@ def _key(name: str) -> tuple[str, str]:
 
 def diagnosed(
     runs: Runs,
-    found: Sequence[Measured],
+    measured: Sequence[Measured],
     motion: Motion,
     options: Mapping[str, Any],
     factors: Sequence[Factor] = (),
@@ -237,25 +237,25 @@ def diagnosed(
 
     Args:
         runs: The table.
-        found: Its runs, measured.
+        measured: Its runs, measured.
         motion: Solutions of the problem.
         options: Axis → value of the method where the table does not say it.
-        factors: Factors of λ that were found.
+        factors: Factors of λ.
     """
     every: list[Finding] = []
     for label in dict.fromkeys(run.series for run in runs.runs):
         own = [run for run in runs.runs if run.series == label]
-        of = [each for each in found if each.run.series == label]
-        case = Case(method({**options, **own[-1].method}), of, own, motion, runs)
-        told: list[Finding] = []
+        ended = [m for m in measured if m.run.series == label]
+        case = Case(method({**options, **own[-1].method}), ended, own, motion, runs)
+        findings: list[Finding] = []
         for rule, hidden_by, of_steps in _RULES:
-            if hidden_by & {each.name for each in told}:
+            if hidden_by & {finding.name for finding in findings}:
                 continue
-            if of_steps and (runs.abscissa != STEP_SIZE or not of):
+            if of_steps and (runs.abscissa != STEP_SIZE or not ended):
                 continue
-            told += [_finding(label, *seen) for seen in rule(case)]
-        told += [_finding(label, *seen) for seen in _factors(factors, label)]
-        every += told
+            findings += [_finding(label, *seen) for seen in rule(case)]
+        findings += [_finding(label, *seen) for seen in _factors(factors, label)]
+        every += findings
     return every
 
 
@@ -271,9 +271,9 @@ def _finding(label: str, diagnosis: str, evidence: Mapping[str, Any]) -> Finding
 
 def _factors(factors: Sequence[Factor], label: str) -> _Seen:
     scales: dict[tuple[str, str], list[str]] = {}
-    for each in factors:
-        if each.series == label:
-            scales.setdefault((each.why, f"{each.value:.4g}"), []).append(each.constraint)
+    for factor in factors:
+        if factor.series == label:
+            scales.setdefault((factor.why, f"{factor.value:.4g}"), []).append(factor.constraint)
     for (why, value), names in scales.items():
         yield "factor of λ", {"constraints": ", ".join(names), "factor": float(value), "why": why}
 
@@ -332,10 +332,10 @@ def _start(case: Case) -> _Seen:
         missed.pop("velocity", None)
         v0 = corrected_velocity(problem, run.size)
     for name, condition, unit in (("position", "Φ", "m"), ("velocity", "Gᵀv + Φ_t", "m/s")):
-        of = missed.get(name)
-        if of and of.error > unsure * (float(of.sizes.max()) or 1.0):
-            worst = problem.constraint_names[int(np.argmax(np.abs(of.errors)))]
-            yield "start off its constraints", {"condition": condition, "misfit": of.error,
+        misfit = missed.get(name)
+        if misfit and misfit.error > unsure * (float(misfit.sizes.max()) or 1.0):
+            worst = problem.constraint_names[int(np.argmax(np.abs(misfit.errors)))]
+            yield "start off its constraints", {"condition": condition, "misfit": misfit.error,
                                                 "unit": unit, "constraint": worst}  # fmt: skip
             return
     for part, there in (("u", problem.u0), ("v", v0)):
@@ -358,7 +358,7 @@ def _first_step(case: Case) -> _Seen:
     start = case.motion.at(problem.t0)
     a, _ = Index1(problem).accelerations(problem.t0, start.u, start.v)
     of_v, of_lambda = [], []
-    for run in (each.run for each in case.found):
+    for run in (m.run for m in case.measured):
         for row in np.flatnonzero(np.abs(run.t - problem.t0 - run.size) <= 1e-6 * run.size)[:1]:
             change = (run.state["v"][row] - start.v) / run.size
             if a.any() and np.isfinite(change).all():
@@ -369,11 +369,11 @@ def _first_step(case: Case) -> _Seen:
                                     case.motion.at(float(run.t[-1])).scales)  # fmt: skip
                 of_lambda.append((run.size, np.abs(off.errors / scales).max()))
     # λ of an undamped integrator is off throughout.
-    for seen, of in (
+    for seen, points in (
         ("v has changed by h a(0) less", of_v),
         ("λ is off by", of_lambda if case.method.damped else []),
     ):
-        sizes, parts = np.array(of[-4:]).reshape(-1, 2).T
+        sizes, parts = np.array(points[-4:]).reshape(-1, 2).T
         if len(parts) > 1 and _FIRST < parts[-1] < 2.0 and power_law(sizes, parts).slope < _STALLED:
             yield "inconsistent a(0)", {"seen": seen, "missing": float(parts[-1]), "h": sizes[-1]}
             return
@@ -393,10 +393,10 @@ def _blow_up(case: Case) -> _Seen:
 
 
 def _other_motion(case: Case) -> _Seen:
-    if not case.has("u") or len(case.found) < 2 or not case.clear("u")[-1]:
+    if not case.has("u") or len(case.measured) < 2 or not case.clear("u")[-1]:
         return
     # It converges if two step sizes agree with each other far better than with the solution.
-    error, (*_, coarse, fine) = float(case.values("u")[-1]), case.found
+    error, (*_, coarse, fine) = float(case.values("u")[-1]), case.measured
     there = case.motion.at(float(fine.run.t[-1]))
     apart = np.nanmax(np.abs(coarse.run.state["u"][-1] - fine.run.state["u"][-1]))
     if apart > _AGREE * error * np.abs(there.u).max():
@@ -417,7 +417,7 @@ def _other_motion(case: Case) -> _Seen:
 
 def _shifted(case: Case) -> float:
     """Time (s) by which the last state is that of another time; NaN where it is not."""
-    run, problem = case.found[-1].run, case.motion.problem
+    run, problem = case.measured[-1].run, case.motion.problem
     there = case.motion.at(float(run.t[-1]))
     a, _ = Index1(problem).accelerations(float(run.t[-1]), there.u, there.v)
     off, rate, of_v = run.state["u"][-1] - there.u, there.v, run.state["v"][-1] - there.v
@@ -432,7 +432,7 @@ def _shifted(case: Case) -> float:
 def _equations(case: Case) -> str:
     """Whose equations of motion the last rows miss, and by which mass that would be explained."""
     problem = case.motion.problem
-    for run in (each.run for each in reversed(case.found)):
+    for run in (m.run for m in reversed(case.measured)):
         u, v, forces = (run.state.get(part, np.zeros((len(run.t), 0)))[-3:]
                         for part in ("u", "v", "lambda"))  # fmt: skip
         if len(run.t) < 3 or np.ptp(np.diff(run.t[-3:])) > 1e-6 * run.size:
@@ -466,7 +466,7 @@ def _fall(problem: Any) -> Array:
 
 def _as_mass(problem: Any, left: Array, relative: Array) -> str:
     """The one point, and the factor of its mass, that would explain what is left."""
-    best, said = 0.05, ""
+    best, text = 0.05, ""
     of = np.array([problem.point_of(i) for i in range(problem.n)])
     for point in dict.fromkeys(of.tolist()):
         row = np.where(of == point, np.diag(problem.M) * relative, 0.0)
@@ -474,8 +474,8 @@ def _as_mass(problem: Any, left: Array, relative: Array) -> str:
             share = float(left @ row / (row @ row))
             rest = float(np.linalg.norm(left - share * row) / np.linalg.norm(left))
             if rest < best:
-                best, said = rest, f"{point} were {1 - share:.4g} times the mechanism's"
-    return said
+                best, text = rest, f"{point} were {1 - share:.4g} times the mechanism's"
+    return text
 
 
 def _first_order(case: Case) -> _Seen:
@@ -527,7 +527,7 @@ def _drift(case: Case) -> _Seen:
 
 def _grown(case: Case, at: int) -> str:
     """How the misfit of Φ grows along a trajectory, in words."""
-    run, problem = case.found[at].run, case.motion.problem
+    run, problem = case.measured[at].run, case.motion.problem
     rows = np.flatnonzero(run.t > 0.1 * run.t[-1])
     if len(rows) < 8:
         return ""
@@ -543,7 +543,7 @@ def _grown(case: Case, at: int) -> str:
 def _alternation(case: Case) -> _Seen:
     """λ − what u and v imply, of opposite signs in successive steps and no smaller with h."""
     problem, seen = case.motion.problem, []
-    for run in (each.run for each in case.found):
+    for run in (m.run for m in case.measured):
         gaps = np.flatnonzero(np.abs(np.diff(run.t) - run.size) >= 1e-6 * run.size)
         first = max(int(gaps[-1]) + 1 if len(gaps) else 0, len(run.t) - _LAST)
         scales = case.motion.at(float(run.t[-1])).scales
@@ -555,7 +555,7 @@ def _alternation(case: Case) -> _Seen:
         steady = np.abs(np.diff(np.abs(worst))).max() < 0.5 * np.abs(worst).max()
         if (worst[1:] * worst[:-1] < 0).all() and steady:
             seen.append((run.size, float(np.abs(worst).max())))
-    if len(seen) < max(2, math.ceil(len(case.found) / 2)):
+    if len(seen) < max(2, math.ceil(len(case.measured) / 2)):
         return
     sizes, amplitudes = np.array(seen).T
     if power_law(sizes, amplitudes).slope < _STALLED and amplitudes[-1] > 1e-10:
@@ -595,7 +595,7 @@ def _early(case: Case) -> _Seen:
 
 def _sound(case: Case) -> Array:
     """(k,) error of λ that is to be expected of a sound code: its own truncation and rounding."""
-    unsure = roundings(case.found, ("error", "lambda"))
+    unsure = roundings(case.measured, ("error", "lambda"))
     return np.fmax(np.nan_to_num(case.values("lambda", ours=True)), np.nan_to_num(unsure))
 
 
@@ -604,9 +604,9 @@ def _sound(case: Case) -> Array:
 
 def _counts(case: Case) -> list[Array]:
     """Newton's iterations in the steps of each run; none if any run lacks them."""
-    given = [each.run.numbers.get("iterations", np.zeros(1)) for each in case.found]
-    counts = [of[of > 0] for of in given]
-    return counts if len(counts) > 1 and all(len(of) for of in counts) else []
+    columns = [m.run.numbers.get("iterations", np.zeros(1)) for m in case.measured]
+    counts = [column[column > 0] for column in columns]
+    return counts if len(counts) > 1 and all(map(len, counts)) else []
 
 
 def _out_of_reach(case: Case) -> _Seen:
@@ -622,7 +622,7 @@ def _out_of_reach(case: Case) -> _Seen:
 
 def _linear(case: Case) -> _Seen:
     """Corrections of a step that fall linearly; of a quadratic fall the ratio counts as 0."""
-    ratios = [ratio for each in case.found if (ratio := _ratio(each.run)) is not None]
+    ratios = [ratio for m in case.measured if (ratio := _ratio(m.run)) is not None]
     if ratios and (ratio := max(ratios)) > 0:
         seen = f"each correction is about {ratio:.2g} of the one before"
         yield "linear convergence", {"seen": seen, "ratio": ratio}
@@ -634,19 +634,19 @@ def _ratio(run: Run) -> float | None:
     for row in run.corrections:
         sizes = row[np.isfinite(row) & (row > 0)][:-1]  # the last may be rounding
         if len(sizes) > 2:
-            *_, before, ratio = sizes[1:] / sizes[:-1]
+            *_, before, last = sizes[1:] / sizes[:-1]
             # Quadratic: each ratio is about the square of the one before; linear: they are alike.
-            ratios.append(float(ratio) if before**1.5 < ratio < 1 else 0.0)
+            ratios.append(float(last) if before**1.5 < last < 1 else 0.0)
     return float(np.median(ratios)) if ratios else None
 
 
 def _slow(case: Case) -> _Seen:
     """Iterations of a code without corrections, next to those of a march with the exact tangent."""
     counts = _counts(case)
-    if not counts or any(_ratio(each.run) is not None for each in case.found):
+    if not counts or any(_ratio(m.run) is not None for m in case.measured):
         return
-    ours = [np.median(each.iterations[each.iterations > 0])
-            if np.any(each.iterations > 0) else math.nan for each in case.found]  # fmt: skip
+    ours = [np.median(m.iterations[m.iterations > 0])
+            if np.any(m.iterations > 0) else math.nan for m in case.measured]  # fmt: skip
     theirs, exact = np.array([np.median(of) for of in counts]), np.array(ours)
     if np.any(theirs >= np.maximum(exact + _MORE, _SLOW * exact)):
         seen = (f"Newton takes up to {theirs.max():g} iterations, with the exact tangent "

@@ -24,55 +24,55 @@ _WORK = {"calls": "calls", "seconds": "time (s)"}
 _LABELS = {"u": "$u$", "v": "$v$", "lambda": r"$\lambda$"}
 
 
-def sheet(found: Judged) -> Sheet:
+def sheet(judged: Judged) -> Sheet:
     """Errors of u, v and λ over the step size or tolerance; λ over work, if it was counted."""
-    present = [q for q in _LABELS if any(("error", q) in each.errors for each in found.measured)]
-    label = "step size $h$ (s)" if found.abscissa == STEP_SIZE else "tolerance"
+    present = [q for q in _LABELS if any(("error", q) in m.errors for m in judged.measured)]
+    label = "step size $h$ (s)" if judged.abscissa == STEP_SIZE else "tolerance"
     panels = [
-        Panel(tuple(_traces(found, quantity)), label, f"error of {_LABELS[quantity]}")
+        Panel(tuple(_traces(judged, quantity)), label, f"error of {_LABELS[quantity]}")
         for quantity in present
     ]
-    counted = {name for each in found.measured for name in each.run.numbers}
+    counted = {name for m in judged.measured for name in m.run.numbers}
     work = next((name for name in _WORK if name in counted), None)
     if work is not None and present:
-        panels.append(Panel(tuple(_traces(found, present[-1], work)), _WORK[work],
+        panels.append(Panel(tuple(_traces(judged, present[-1], work)), _WORK[work],
                             f"error of {_LABELS[present[-1]]}"))  # fmt: skip
     return Sheet(
-        f"{found.problem}: errors",
+        f"{judged.problem}: errors",
         tuple(panels),
         columns=len(panels) if len(panels) < 4 else 2,
         share_x=work is None,
     )
 
 
-def _traces(found: Judged, quantity: str, work: str = "") -> list[Trace]:
+def _traces(judged: Judged, quantity: str, work: str = "") -> list[Trace]:
     traces, ours = [], False
-    for place, label in enumerate(dict.fromkeys(each.run.series for each in found.measured)):
-        own = [each for each in found.measured if each.run.series == label]
-        of = [each for each in own if ("error", quantity) in each.errors]
+    for place, label in enumerate(dict.fromkeys(m.run.series for m in judged.measured)):
+        own = [m for m in judged.measured if m.run.series == label]
+        of = [m for m in own if ("error", quantity) in m.errors]
         if not of:
             continue
-        values = np.array([each.errors["error", quantity].statistics.last for each in of])
+        values = np.array([m.errors["error", quantity].statistics.last for m in of])
         bars = roundings(of, ("error", quantity))
         x = _abscissa(of, work)
         traces.append(Trace(label, x, values, look(place), place, bars=bars,
                             ruled=np.nan_to_num(bars) > _RULED * values))  # fmt: skip
-        known = [each for each in of if each.ours]
+        known = [m for m in of if m.ours]
         if known and not work:
-            y = np.array([each.ours["error", quantity].statistics.last for each in known])
+            y = np.array([m.ours["error", quantity].statistics.last for m in known])
             name = "newmark-study" if not ours else f"newmark-study, as {label}"
             traces.append(Trace(name, _abscissa(known, ""), y, _OURS))
             ours = True
     return traces
 
 
-def _abscissa(found: Sequence[Measured], work: str) -> Array:
+def _abscissa(measurements: Sequence[Measured], work: str) -> Array:
     if not work:
-        return np.array([each.run.size for each in found])
-    return np.array([float(each.run.numbers.get(work, np.array([np.nan]))[-1]) for each in found])
+        return np.array([m.run.size for m in measurements])
+    return np.array([float(m.run.numbers.get(work, np.array([np.nan]))[-1]) for m in measurements])
 
 
-def write(found: Judged, path: Path) -> None:
+def write(judged: Judged, path: Path) -> None:
     """Draw the errors into a file.
 
     Raises:
@@ -81,5 +81,5 @@ def write(found: Judged, path: Path) -> None:
     if path.suffix not in _ENDINGS:
         raise ArgumentError(f"{path}: a figure ends in {', '.join(_ENDINGS)}")
     kind = path.suffix[1:]
-    (drawn,) = rendered([sheet(found)], [kind], None, {})
+    (drawn,) = rendered([sheet(judged)], [kind], None, {})
     files.write_output(path, drawn[kind])

@@ -64,23 +64,23 @@ class Judged:
     @property
     def faults(self) -> tuple[Finding, ...]:
         """Findings that are faults of the code, not limits of its method."""
-        return tuple(one for one in self.findings if one.fault)
+        return tuple(finding for finding in self.findings if finding.fault)
 
     @property
     def series(self) -> tuple[str, ...]:
         """Labels of the series."""
-        return tuple(dict.fromkeys(one.study for one in self.slopes))
+        return tuple(dict.fromkeys(slope.study for slope in self.slopes))
 
     @property
     def undecided(self) -> bool:
         """Whether no order could be judged, for want of step sizes or digits."""
-        judged = {one.verdict for one in self.slopes} - {SHOWN}
+        judged = {slope.verdict for slope in self.slopes} - {SHOWN}
         return judged == {UNDECIDED}
 
     def fails(self, strict: bool = False) -> bool:
         """Whether there is a fault, an order that is missed or an expectation that fails."""
         bad = (*FAILING, UNDECIDED) if strict or self.undecided else FAILING
-        judged = [one.verdict for one in self.slopes] + [one.verdict for one in self.expected]
+        judged = [item.verdict for item in self.slopes] + [item.verdict for item in self.expected]
         return bool(self.faults) or any(verdict in bad for verdict in judged)
 
     def to_frame(self) -> "pd.DataFrame":
@@ -88,12 +88,12 @@ class Judged:
         import pandas as pd
 
         rows = []
-        for each in self.measured:
-            for (measure, quantity), row in each.errors.items():
-                ours = each.ours.get((measure, quantity))
+        for m in self.measured:
+            for (measure, quantity), row in m.errors.items():
+                ours = m.ours.get((measure, quantity))
                 rows.append({
-                    "series": each.run.series, self.abscissa: each.run.size,
-                    "t": float(each.run.t[-1]), "measure": measure, "quantity": quantity,
+                    "series": m.run.series, self.abscissa: m.run.size,
+                    "t": float(m.run.t[-1]), "measure": measure, "quantity": quantity,
                     "value": row.statistics.max, "rounding": row.statistics.rounding,
                     "newmark_study": math.nan if ours is None else ours.statistics.max,
                 })  # fmt: skip
@@ -103,9 +103,9 @@ class Judged:
         """Plain values for JSON."""
         return {
             "problem": self.problem,
-            "series": [_plain(one.row()) for one in self.slopes],
-            "findings": [_plain(asdict(one)) for one in self.findings],
-            "expected": [_plain(one.row()) for one in self.expected],
+            "series": [_plain(item.row()) for item in self.slopes],
+            "findings": [_plain(asdict(item)) for item in self.findings],
+            "expected": [_plain(item.row()) for item in self.expected],
             "notes": [*self.notes],
             "runs": json.loads(self.to_frame().to_json(orient="records", double_precision=15)),
         }
@@ -119,17 +119,17 @@ class Judged:
         ]
         for label in self.series:
             rows += [("",), (label,)] if label != UNNAMED or len(self.series) > 1 else []
-            rows += [_row(one, self.abscissa) for one in self.slopes if one.study == label]
+            rows += [_row(slope, self.abscissa) for slope in self.slopes if slope.study == label]
         yield f"{self.problem}: errors and invariants\n"
         yield text_table(rows, indent=2)
-        reasons = [(one, one.reason) for one in self.slopes if one.reason]
+        reasons = [(slope, slope.reason) for slope in self.slopes if slope.reason]
         if reasons:
             yield ""
-            for one, reason in reasons:
-                yield wrapped(f"{_named(one, self.series)}: {reason}", 2)
-        for each in self.expected:
-            yield wrapped(f"{each.verdict}: {each.name}, {each.label}: {each.said}: "
-                          f"{each.measured or each.reason}", 2)  # fmt: skip
+            for slope, reason in reasons:
+                yield wrapped(f"{_named(slope, self.series)}: {reason}", 2)
+        for row in self.expected:
+            yield wrapped(f"{row.verdict}: {row.name}, {row.label}: {row.said}: "
+                          f"{row.measured or row.reason}", 2)  # fmt: skip
         if self.notes:
             yield "\nTaken for granted:"
             yield from (wrapped(f"- {note}", 2) for note in self.notes)
@@ -141,33 +141,33 @@ class Judged:
             yield wrapped(f"- {label}{finding.name}{kind}: {finding.text}", 2)
 
 
-def _named(one: Slope, series: Sequence[str]) -> str:
-    label = f"{one.study}, " if len(series) > 1 else ""
-    return f"{label}{_quantity(one)}"
+def _named(slope: Slope, series: Sequence[str]) -> str:
+    label = f"{slope.study}, " if len(series) > 1 else ""
+    return f"{label}{_quantity(slope)}"
 
 
-def _quantity(one: Slope) -> str:
-    if one.measure == "invariant":
+def _quantity(slope: Slope) -> str:
+    if slope.measure == "invariant":
         return {"position": "Φ", "velocity": "Gᵀv + Φ_t", "multiplier": "λ of u, v"}.get(
-            one.quantity, one.quantity
+            slope.quantity, slope.quantity
         )
-    return symbol(one.quantity)
+    return symbol(slope.quantity)
 
 
-def _row(one: Slope, abscissa: str) -> tuple[str, ...]:
-    used = one.h[one.fitted]
+def _row(slope: Slope, abscissa: str) -> tuple[str, ...]:
+    used = slope.h[slope.fitted]
     over = f"{used.max():g} … {used.min():g}" if len(used) > 1 else "–"
-    place = int(np.nanargmin(np.where(np.isfinite(one.values), one.values, np.inf)))
-    least = f"{one.values[place]:.2g} at {one.h[place]:g}"
-    fit = format_fit(one.fit) if len(used) > 1 else "–"
-    return (_quantity(one), fit, format_order(one.expected) or "–", over, least, one.verdict)
+    place = int(np.nanargmin(np.where(np.isfinite(slope.values), slope.values, np.inf)))
+    least = f"{slope.values[place]:.2g} at {slope.h[place]:g}"
+    fit = format_fit(slope.fit) if len(used) > 1 else "–"
+    return (_quantity(slope), fit, format_order(slope.expected) or "–", over, least, slope.verdict)
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -224,31 +224,30 @@ def judge(
         >>> [one.name for one in newmark.judge(table, "pendulum", integrator="bdf2").faults]
         ['factor of λ']
     """
-    given = problem_of(problem)
-    said = (integrator, formulation, projection, multipliers, start, evaluation)
-    options = {name: one for name, one in zip(METHOD, said, strict=True) if one is not None}
+    solved = problem_of(problem)
+    chosen = (integrator, formulation, projection, multipliers, start, evaluation)
+    options = {name: value for name, value in zip(METHOD, chosen, strict=True) if value is not None}
     method(options)
-    wanted = options_of.expected(expect)
-    runs = read(table, given, options_of.columns(columns))
+    expectations = options_of.expected(expect)
+    runs = read(table, solved, options_of.columns(columns))
     for run in runs.runs:
         method(run.method)
-    motion = Motion(given, {})
+    motion = Motion(solved, {})
     runs, factors = matched(runs, motion)
-    found = measured(runs, motion, options)
-    judged = slopes(found, runs, motion, options) if found else []
+    measurements = measured(runs, motion, options)
+    judged = slopes(measurements, runs, motion, options) if measurements else []
+    by_key = {slope.key: slope for slope in judged}
     return Judged(
-        given.name,
-        diagnosed(runs, found, motion, options, factors),
+        solved.name,
+        diagnosed(runs, measurements, motion, options, factors),
         runs.notes,
-        [one for one in judged if one.quantity != "energy"],
+        [slope for slope in judged if slope.quantity != "energy"],
         [
-            each
-            for one_wanted in wanted
-            for each in expected(
-                "", one_wanted, {one.key: one for one in judged}, Path("the table")
-            )
+            row
+            for expectation in expectations
+            for row in expected("", expectation, by_key, Path("the table"))
         ],
-        found,
+        measurements,
         runs.abscissa,
     )
 

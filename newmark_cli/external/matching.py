@@ -49,20 +49,20 @@ def matched(runs: Runs, motion: Motion) -> tuple[Runs, list[Factor]]:
     """The runs in the mechanism's units, signs and order, and factors of λ that are faults."""
     factors: list[Factor] = []
     for series in dict.fromkeys(run.series for run in runs.runs):
-        of = [run for run in runs.runs if run.series == series and run.ended]
-        ends = [(run, motion.at(float(run.t[-1]))) for run in of]
-        if ends:
+        if ends := _ends(runs, series, motion):
             runs = _in_units(runs, series, ends)
     for series in dict.fromkeys(run.series for run in runs.runs):
-        of = [run for run in runs.runs if run.series == series and run.ended]
-        ends = [(run, motion.at(float(run.t[-1]))) for run in of]
-        if ends and motion.problem.m:
+        if (ends := _ends(runs, series, motion)) and motion.problem.m:
             runs = _in_order(runs, series, ends, motion.problem)
-            of = [run for run in runs.runs if run.series == series and run.ended]
-            ends = [(run, motion.at(float(run.t[-1]))) for run in of]
-            runs, found = _scaled(runs, series, ends, motion.problem)
-            factors += found
+            runs, faults = _scaled(runs, series, _ends(runs, series, motion), motion.problem)
+            factors += faults
     return runs, factors
+
+
+def _ends(runs: Runs, series: str, motion: Motion) -> list[tuple[Run, Reference]]:
+    """Runs of a series that ended, and the solution where they did."""
+    ended = [run for run in runs.runs if run.series == series and run.ended]
+    return [(run, motion.at(float(run.t[-1]))) for run in ended]
 
 
 def _in_units(runs: Runs, series: str, ends: Sequence[tuple[Run, Reference]]) -> Runs:
@@ -71,9 +71,9 @@ def _in_units(runs: Runs, series: str, ends: Sequence[tuple[Run, Reference]]) ->
         factors = []
         for run, reference in ends:
             here, there = run.state[part][-1], getattr(reference, part)
-            told = np.isfinite(here) & (np.abs(there) > _TELLING * np.abs(there).max())
-            if told.any():
-                ratios = here[told] / there[told]
+            telling = np.isfinite(here) & (np.abs(there) > _TELLING * np.abs(there).max())
+            if telling.any():
+                ratios = here[telling] / there[telling]
                 if np.ptp(ratios) <= 0.2 * abs(np.median(ratios)):
                     factors.append(float(np.median(ratios)))
         for factor, unit in _UNITS.items():
@@ -93,21 +93,22 @@ def _divided(series: str, part: str, factor: float, run: Run) -> Mapping[str, Ar
 
 def _ratios(ends: Sequence[tuple[Run, Reference]], order: IndexArray | None = None) -> Array:
     """(runs, m) λ over the reference's; NaN of those that tell nothing."""
-    found = []
+    rows = []
     for run, reference in ends:
-        given = run.state["lambda"][-1]
-        there = reference.multipliers
-        told = np.abs(there) > _TELLING * reference.scales
+        theirs, there = run.state["lambda"][-1], reference.multipliers
+        if order is not None:
+            theirs = theirs[order]
+        telling = np.abs(there) > _TELLING * reference.scales
         with np.errstate(divide="ignore", invalid="ignore"):
-            found.append(np.where(told, given[order if order is not None else ...] / there, np.nan))
-    return np.array(found)
+            rows.append(np.where(telling, theirs / there, np.nan))
+    return np.array(rows)
 
 
 def _agree(ratios: Array, value: float) -> bool:
     """Whether enough runs have a ratio."""
-    told = ratios[np.isfinite(ratios)]
-    near = np.abs(told - value) < _FITS * abs(value)
-    return bool(len(told) and near.sum() >= max(1, math.ceil(_SHARE * len(told))))
+    telling = ratios[np.isfinite(ratios)]
+    near = np.abs(telling - value) < _FITS * abs(value)
+    return bool(len(telling) and near.sum() >= max(1, math.ceil(_SHARE * len(telling))))
 
 
 def _in_order(
@@ -122,12 +123,12 @@ def _in_order(
         return runs
     candidates = []
     for k in range(m):
-        of_k = _ratios(ends, np.full(m, k))[:, :]  # column k of theirs over each of ours
+        of_k = _ratios(ends, np.full(m, k))  # column k of theirs over each of ours
         candidates.append([j for j in range(m) if _agree(np.abs(of_k[:, j]), 1.0)])
     # Theirs k is ours candidates[k]: unambiguous if each has one, and all are different.
-    if any(len(each) != 1 for each in candidates):
+    if any(len(matches) != 1 for matches in candidates):
         return runs
-    places = np.array([each[0] for each in candidates])
+    places = np.array([matches[0] for matches in candidates])
     if len(set(places.tolist())) < m:
         return runs
     order = np.argsort(places)
@@ -150,37 +151,37 @@ def _scaled(
         for run, there in ends
     ]
     divisors, unexplained = np.ones((len(ends), problem.m)), list[int]()
-    found, turned = list[Factor](), list[str]()
+    faults, turned = list[Factor](), list[str]()
     for k, name in enumerate(problem.constraint_names):
-        of = np.where(right, ratios[:, k], np.nan)
-        if _agree(of, 1.0) or not np.isfinite(of).any():
+        of_k = np.where(right, ratios[:, k], np.nan)
+        if _agree(of_k, 1.0) or not np.isfinite(of_k).any():
             continue
-        if _agree(of, -1.0):
+        if _agree(of_k, -1.0):
             divisors[:, k] = -1.0
             turned.append(name)
             continue
-        if (explained := _explained(of, problem, ends, k)) is None:
+        if (explained := _explained(of_k, problem, ends, k)) is None:
             unexplained.append(k)
         else:
             divisors[:, k], why = explained
-            found.append(Factor(series, name, float(divisors[-1, k]), why))
-    if len({factor.why for factor in found}) == 1 and not turned:
+            faults.append(Factor(series, name, float(divisors[-1, k]), why))
+    if len({factor.why for factor in faults}) == 1 and not turned:
         # Of the rest it is the same where it is by far nearer than none.
-        common = divisors[:, [problem.constraint_names.index(found[0].constraint)]].ravel()
+        common = divisors[:, [problem.constraint_names.index(faults[0].constraint)]].ravel()
         for k in unexplained:
-            told = np.flatnonzero(np.isfinite(ratios[:, k]))
-            size, factor = np.abs(ratios[told[-1], k]), np.abs(common[told[-1]])
+            telling = np.flatnonzero(np.isfinite(ratios[:, k]))
+            size, factor = np.abs(ratios[telling[-1], k]), np.abs(common[telling[-1]])
             if size > 0 and abs(math.log(size / factor)) < _NEAR * abs(math.log(factor)):
                 divisors[:, k] = common
                 name = problem.constraint_names[k]
-                found.append(replace(found[0], constraint=name, value=float(common[-1])))
+                faults.append(replace(faults[0], constraint=name, value=float(common[-1])))
     # What vanishes in the motion tells nothing: it goes with the others, where these agree.
     silent = ~np.isfinite(np.where(np.array(right)[:, None], ratios, np.nan)).any(axis=0)
     others = divisors[:, ~silent]
     if others.size and np.all(others == others[:, :1]):
         divisors[:, silent] = others[:, :1]
     if np.all(divisors == 1):
-        return runs, found
+        return runs, faults
     of_size = {run.size: row for (run, _), row in zip(ends, divisors, strict=True)}
     last = divisors[-1]
     note = f"{series}: the sign of λ is turned, of {', '.join(turned)}" if turned else ""
@@ -189,7 +190,7 @@ def _scaled(
         lambda run: {"lambda": run.state["lambda"] / of_size.get(run.size, last)}
         if run.series == series else {},
         *filter(None, [note]),
-    ), found  # fmt: skip
+    ), faults  # fmt: skip
 
 
 def _explained(
@@ -209,24 +210,24 @@ def _factors(
     """Factors that λ may have, powers of h that go with them, and why."""
     _, reference = ends[-1]
     values = problem.values(problem.t0 + reference.t, reference.u, reference.v, np.zeros(problem.m))
-    of = problem.pattern.g_columns == k
-    rows, entries = problem.pattern.g_rows[of], values.g[of]
+    mask = problem.pattern.g_columns == k
+    rows, entries = problem.pattern.g_rows[mask], values.g[mask]
     axes = len(problem.axes) if len(problem.axes) == 2 else 3
     points: dict[int, float] = {}
     for row, entry in zip(rows.tolist(), entries.tolist(), strict=True):
         points[row // axes] = points.get(row // axes, 0.0) + entry * entry
     length = math.sqrt(max(points.values(), default=0.0))
-    found = [(0.5, 0, "Φ is twice as large, such as |Δ|² − L² instead of half of it"),
+    factors = [(0.5, 0, "Φ is twice as large, such as |Δ|² − L² instead of half of it"),
              (2.0, 0, "Φ is half as large")]  # fmt: skip
     if abs(length - 1) > 2 * _FITS and length > 0:
         # First, since a length of 2 or ½ explains the same factor in one bar only.
-        found.insert(0, (length, 0, "Φ is a length, |Δ| − L instead of ½(|Δ|² − L²)"))
+        factors.insert(0, (length, 0, "Φ is a length, |Δ| − L instead of ½(|Δ|² − L²)"))
     powers: Mapping[int, str] = {
         2: "λ is scaled by h², and was not scaled back",
         1: "λ is an impulse, force times h",
         -2: "λ is divided by h²",
     }
     scales = ((1.0, ""), (0.25, " times β = 1/4"), (0.5, " times ½"))
-    found += [(value, power, why + more) for (power, why), (value, more)
+    factors += [(value, power, why + more) for (power, why), (value, more)
               in itertools.product(powers.items(), scales)]  # fmt: skip
-    return found
+    return factors

@@ -80,9 +80,9 @@ class Motion:
         Raises:
             ArgumentError: When there is none.
         """
-        for known, found in self.references.items():
+        for known, reference in self.references.items():
             if abs(known - t) <= SAME_TIME * max(1.0, abs(t)):
-                return found
+                return reference
         try:
             self.references[t] = solution(self.problem, t - self.problem.t0)
         except NoReference as error:
@@ -90,24 +90,24 @@ class Motion:
         return self.references[t]
 
 
-def method(given: Mapping[str, Any]) -> dict[str, str]:
+def method(options: Mapping[str, Any]) -> dict[str, str]:
     """Axis → value of a method, as CSVs have them.
 
     Raises:
         ArgumentError, IntegratorError, FormulationError: For what no method has.
     """
-    read: Mapping[str, Callable[[Any], Any]] = {
+    readers: Mapping[str, Callable[[Any], Any]] = {
         "integrator": scalings.integrator_of,
         "formulation": scalings.formulation_of,
         "projection": scalings.projection_of,
     }
-    found = {
-        name: read[name](value).label if name in read else str(value)
-        for name, value in (USUAL | {k: v for k, v in given.items() if v}).items()
+    values = {
+        name: readers[name](value).label if name in readers else str(value)
+        for name, value in (USUAL | {k: v for k, v in options.items() if v}).items()
     }
-    if found.get("projection", "none") != "none":
-        found.setdefault("multipliers", RECOVERED)
-    return found
+    if values.get("projection", "none") != "none":
+        values.setdefault("multipliers", RECOVERED)
+    return values
 
 
 def measured(runs: Runs, motion: Motion, options: Mapping[str, Any]) -> list[Measured]:
@@ -128,8 +128,8 @@ def measured(runs: Runs, motion: Motion, options: Mapping[str, Any]) -> list[Mea
             left -= steps[id(run)] * (1 + _TWINS)
             if left < 0:
                 break
-            if (found := _of_march(run, motion, options)) is not None:
-                ours[id(run)] = found
+            if (marched := _of_march(run, motion, options)) is not None:
+                ours[id(run)] = marched
     return [
         _measured(run, [r for r in ended if _same(r, run) and r is not run], motion, runs,
                   ours.get(id(run)))
@@ -148,18 +148,18 @@ def _measured(
     runs: Runs,
     ours: tuple[list[Deviations], Array] | None,
 ) -> Measured:
-    own = [deviations(each, motion, runs.given) for each in (run, *twins)]
+    own = [deviations(r, motion, runs.components) for r in (run, *twins)]
     of_march, iterations = ours if ours is not None else ([], np.zeros(0))
-    told = own if twins else of_march
+    spread = own if twins else of_march
     reference = motion.at(float(run.t[-1]))
-    return Measured(run, _rows(own[0], told, reference), _rows(of_march[0], of_march, reference)
+    return Measured(run, _rows(own[0], spread, reference), _rows(of_march[0], of_march, reference)
                     if of_march else {}, iterations)  # fmt: skip
 
 
 def _rows(
     off: Deviations, marches: Sequence[Deviations], reference: Reference
 ) -> dict[tuple[str, str], Measurement]:
-    found = {}
+    rows = {}
     for name, values in off.items():
         measure, _, quantity = name.partition(" ")
         row = Measurement(name, measure, "primary", statistics(np.abs(values).max(axis=1)))
@@ -167,25 +167,25 @@ def _rows(
             of = {"lambda": "multipliers"}.get(of := OF_OUTPUTS.get(quantity, quantity), of)
             unsure = getattr(reference, f"{of}_error", 0.0) if measure == "error" else 0.0
             row = with_rounding(row, marches, unsure)
-        found[measure, quantity] = replace(row, quantity=quantity)
-    return found
+        rows[measure, quantity] = replace(row, quantity=quantity)
+    return rows
 
 
-def deviations(run: Run, motion: Motion, given: Mapping[str, Sequence[str]]) -> Deviations:
+def deviations(run: Run, motion: Motion, components: Mapping[str, Sequence[str]]) -> Deviations:
     """“measure quantity” → (samples, k) by how much components are off, relative to their size."""
     problem, reference = motion.problem, motion.at(float(run.t[-1]))
-    found: dict[str, Array] = {}
+    by_name: dict[str, Array] = {}
 
     def note(name: str, off: Array) -> None:
-        if (told := ~np.isnan(off)).any():
-            found[name] = off[None, told]
+        if (known := ~np.isnan(off)).any():
+            by_name[name] = off[None, known]
 
     end = {part: values[-1] for part, values in run.state.items()}
     for part, there in (("u", reference.u), ("v", reference.v)):
         note(f"error {part}", relative(end[part] - there, float(np.abs(there).max())))
     if problem.m:
         note("error lambda", relative(end["lambda"] - reference.multipliers, reference.scales))
-    if given.get("output") and problem.outputs is not None:
+    if components.get("output") and problem.outputs is not None:
         here, there = end["output"], problem.outputs.values(
             problem, run.t[-1], reference.u, reference.v, reference.multipliers
         )  # fmt: skip
@@ -199,12 +199,12 @@ def deviations(run: Run, motion: Motion, given: Mapping[str, Sequence[str]]) -> 
                     size = max(size, lever * float(np.abs(there[kinds == "force"]).max()))
                 note(f"error {kind}", relative(here[of] - there[of], size))
     samples = [misfits_at(problem, run, row) for row in _looked_at(run, problem)]
-    samples = [each for each in samples if each]
+    samples = [sample for sample in samples if sample]
     if samples:
         names = set(samples[0]).intersection(*samples)
-        kept = [{name: each[name] for name in samples[0] if name in names} for each in samples]
-        found |= {f"invariant {name}": off for name, off in compared(problem, kept).items()}
-    return found
+        kept = [{name: sample[name] for name in samples[0] if name in names} for sample in samples]
+        by_name |= {f"invariant {name}": off for name, off in compared(problem, kept).items()}
+    return by_name
 
 
 def _looked_at(run: Run, problem: Problem) -> list[int]:
@@ -223,17 +223,17 @@ def misfits_at(problem: Problem, run: Run, row: int) -> dict[str, Misfit]:
     if not np.isfinite(u).all():
         return {}
     with_v = bool(np.isfinite(v).all())
-    found = misfits(problem, float(run.t[row]), u, v if with_v else np.zeros(problem.n))
+    missed = misfits(problem, float(run.t[row]), u, v if with_v else np.zeros(problem.n))
     if not with_v:
-        return {"position": found["position"]}
+        return {"position": missed["position"]}
     if problem.m and np.isfinite(multipliers).all():
         try:
             with np.errstate(all="ignore"):
                 _, implied = Index1(problem).accelerations(float(run.t[row]), u, v)
-            found["multiplier"] = Misfit(multipliers - implied, np.abs(implied))
+            missed["multiplier"] = Misfit(multipliers - implied, np.abs(implied))
         except np.linalg.LinAlgError:
             pass
-    return found
+    return missed
 
 
 def _of_march(
@@ -243,36 +243,34 @@ def _of_march(
     how: dict[str, Any] = method({**options, **run.method})
     problem = motion.problem
     try:
-        found = march(problem, h=run.size, at=run.t, twins=_TWINS, keep=("u", "v", "lambda"), **how)
+        ours = march(problem, h=run.size, at=run.t, twins=_TWINS, keep=("u", "v", "lambda"), **how)
     except InputError:
         return None
     times = np.asarray(run.t, float)
-    if any(len(each.t) < len(np.unique(times)) or each.status != "ok"
-           for each in (found, *found.twins)):  # fmt: skip
+    trajectories = (ours, *ours.twins)
+    if any(len(x.t) < len(np.unique(times)) or x.status != "ok" for x in trajectories):
         return None
-    every = []
-    for each in (found, *found.twins):
-        state = {"u": each.u, "v": each.v, "lambda": each.multipliers}
+    marches = []
+    for x in trajectories:
+        state = {"u": x.u, "v": x.v, "lambda": x.multipliers}
         if problem.outputs is not None:
             state["output"] = np.array([
                 problem.outputs.values(problem, t, u, v, multipliers)
-                for t, u, v, multipliers in zip(
-                    each.t, each.u, each.v, each.multipliers, strict=True
-                )
+                for t, u, v, multipliers in zip(x.t, x.u, x.v, x.multipliers, strict=True)
             ])  # fmt: skip
-        every.append(Run(run.series, run.size, 0, np.asarray(each.t), state, {}))
+        marches.append(Run(run.series, run.size, 0, np.asarray(x.t), state, {}))
     parts = {part: ["all"] for part in ("u", "v", "lambda", "output")}
-    return [deviations(each, motion, parts) for each in every], np.asarray(found.iterations)
+    return [deviations(r, motion, parts) for r in marches], np.asarray(ours.iterations)
 
 
 def slopes(
-    found: Sequence[Measured], runs: Runs, motion: Motion, options: Mapping[str, Any]
+    measurements: Sequence[Measured], runs: Runs, motion: Motion, options: Mapping[str, Any]
 ) -> list[Slope]:
     """Series of the runs, judged by the rule of `check`; of tolerances only shown."""
-    series = dict.fromkeys(each.run.series for each in found)
+    series = dict.fromkeys(m.run.series for m in measurements)
     judged = []
     for label in series:
-        of = [each for each in found if each.run.series == label]
+        of = [m for m in measurements if m.run.series == label]
         how = method({**options, **of[-1].run.method})
         judged += study_slopes(_frame(of, label, how, motion.problem), Path(label))
     if runs.abscissa != STEP_SIZE:
@@ -281,22 +279,24 @@ def slopes(
     return judged
 
 
-def _frame(found: Sequence[Measured], label: str, how: Mapping[str, str], problem: Problem) -> Any:
+def _frame(
+    measurements: Sequence[Measured], label: str, how: Mapping[str, str], problem: Problem
+) -> Any:
     import pandas as pd
 
-    names = dict.fromkeys(name for each in found for name in each.errors)
+    names = dict.fromkeys(name for m in measurements for name in m.errors)
     rows = []
     for measure, quantity in names:
-        of = [each for each in found if (measure, quantity) in each.errors]
+        of = [m for m in measurements if (measure, quantity) in m.errors]
         rounding = roundings(of, (measure, quantity))
-        for each, unsure in zip(of, rounding, strict=True):
-            value = each.errors[measure, quantity].statistics
+        for m, unsure in zip(of, rounding, strict=True):
+            value = m.errors[measure, quantity].statistics
             rows.append({
                 "study": label, "problem": problem.name, "form": "u-lambda",
                 "preconditioning": "optimal", **how,
                 "quantity": quantity, "measure": measure, "role": "primary",
-                "h": each.run.size, "t_end": float(each.run.t[-1]), "status": "ok",
-                "steps": max(1.0, (each.run.t[-1] - problem.t0) / each.run.size),
+                "h": m.run.size, "t_end": float(m.run.t[-1]), "status": "ok",
+                "steps": max(1.0, (m.run.t[-1] - problem.t0) / m.run.size),
                 "rms": value.rms, "max": value.max, "median": value.median, "last": value.last,
                 "zeros": value.zeros, "rounding": unsure,
             })  # fmt: skip
@@ -315,16 +315,16 @@ def _frame(found: Sequence[Measured], label: str, how: Mapping[str, str], proble
     return frame
 
 
-def roundings(found: Sequence[Measured], name: tuple[str, str]) -> Array:
+def roundings(measurements: Sequence[Measured], name: tuple[str, str]) -> Array:
     """(runs,) rounding of a quantity, of runs by descending sizes.
 
     Where none was measured it is that of the nearest larger step size, times a power of h.
     """
-    told = np.array([each.errors[name].statistics.rounding for each in found])
-    sizes = np.array([each.run.size for each in found])
-    for place in np.flatnonzero(np.isnan(told)):
-        known = np.flatnonzero(np.isfinite(told[:place]))
+    rounding = np.array([m.errors[name].statistics.rounding for m in measurements])
+    sizes = np.array([m.run.size for m in measurements])
+    for place in np.flatnonzero(np.isnan(rounding)):
+        known = np.flatnonzero(np.isfinite(rounding[:place]))
         if len(known):
             ratio = sizes[known[-1]] / sizes[place]
-            told[place] = told[known[-1]] * ratio ** _GROWTH.get(name[1], 0.0)
-    return told
+            rounding[place] = rounding[known[-1]] * ratio ** _GROWTH.get(name[1], 0.0)
+    return rounding

@@ -33,33 +33,34 @@ class _File(StrictModel):
     expect: tuple[_Expected, ...]
 
 
-def columns(given: Any) -> Mapping[str, Any]:
+def columns(source: Any) -> Mapping[str, Any]:
     """Names of columns from a YAML file, or the mapping as it is.
 
     Raises:
         DocumentError: When the file cannot be used.
     """
-    if not isinstance(given, str | Path):
-        return dict(given or {})
-    return documents.validate(documents.read(Path(given)), _Columns).root
+    if not isinstance(source, str | Path):
+        return dict(source or {})
+    return documents.validate(documents.read(Path(source)), _Columns).root
 
 
-def expected(given: Any) -> list[Expectation]:
+def expected(source: Any) -> list[Expectation]:
     """Expectations from a YAML file with the key ``expect``, or from a list of mappings.
 
     Raises:
         DocumentError: For every mistake.
     """
-    if given is None:
+    if source is None:
         return []
     document = (
-        documents.read(Path(given)) if isinstance(given, str | Path)
-        else Document.of("expect", {"expect": given})
+        documents.read(Path(source)) if isinstance(source, str | Path)
+        else Document.of("expect", {"expect": source})
     )  # fmt: skip
-    read = documents.validate(document, _File).expect
-    plain: Sequence[Mapping[str, Any]] = [each.model_dump(mode="json") for each in read]
-    found = expectations({"expect": plain})
+    entries = documents.validate(document, _File).expect
+    plain: Sequence[Mapping[str, Any]] = [entry.model_dump(mode="json") for entry in entries]
     return [
-        replace(one, choice={**one.choice, "study": (each["series"],)}) if each["series"] else one
-        for one, each in zip(found, plain, strict=True)
+        replace(item, choice={**item.choice, "study": (entry["series"],)})
+        if entry["series"]
+        else item
+        for item, entry in zip(expectations({"expect": plain}), plain, strict=True)
     ]

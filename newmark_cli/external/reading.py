@@ -70,9 +70,9 @@ class Run:
     @property
     def corrections(self) -> Array:
         """(k, j) Newton's corrections in the steps of the rows; j may be 0."""
-        found = {int(place[1]): values for name, values in self.numbers.items()
+        columns = {int(place[1]): values for name, values in self.numbers.items()
                  if (place := CORRECTIONS.fullmatch(name))}  # fmt: skip
-        return np.array([found[number] for number in sorted(found)]).reshape(-1, len(self.t)).T
+        return np.array([columns[number] for number in sorted(columns)]).reshape(-1, len(self.t)).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Runs:
 
     runs: Sequence[Run]  #: in the order of series, and of sizes from the largest
     abscissa: str  #: ``"h"`` or ``"tolerance"``
-    given: Mapping[str, Sequence[str]]  #: part → names of its components that the table has
+    components: Mapping[str, Sequence[str]]  #: part → names of its components that the table has
     notes: Sequence[str]  #: what was taken for granted, in sentences
     digits: int = 0  #: most digits of a number, as text; 0 where there is no text
     single: bool = False  #: whether each number of the state is one of single precision
@@ -120,19 +120,19 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     frame, where = _frame(source)
     notes: list[str] = []
     taken = _columns([str(name) for name in frame.columns], problem, columns, where, notes)
-    found = {name: factor * _numbers(frame[theirs], f"{where}: {theirs}", where)
+    numbers = {name: factor * _numbers(frame[theirs], f"{where}: {theirs}", where)
              for name, (theirs, factor) in taken.items() if name not in TEXTS}  # fmt: skip
-    abscissa = _abscissa(found, f"; has {_some(frame.columns)}", where)
+    abscissa = _abscissa(numbers, f"; has {_some(frame.columns)}", where)
     ours = {part: [f"{part}[{name}]" for name in names]
             for part, names in names_of(problem).items() if names}  # fmt: skip
-    given = {part: [name for name in names if name in found] for part, names in ours.items()}
-    state = [*chain(*given.values())]
+    present = {part: [name for name in names if name in numbers] for part, names in ours.items()}
+    state = [*chain(*present.values())]
     if not state:
         wanted = ", ".join(names[0] for names in ours.values())
         raise ArgumentError(
             f"{where}: no column of {problem.name}, such as {wanted}; has {_some(frame.columns)}"
         )
-    table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **found})
+    table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **numbers})
     for name in TEXTS:
         if name in taken:
             table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
@@ -140,11 +140,11 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     later = frame[(table["t"] > problem.t0).to_numpy()]
     if not len(later):
         raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
-    unscaled = [found[name] for name in state if taken[name][1] == 1]
+    unscaled = [numbers[name] for name in state if taken[name][1] == 1]
     return Runs(
-        _runs(table, abscissa, problem, ours, given),
+        _runs(table, abscissa, problem, ours, present),
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
-        given,
+        present,
         notes,
         _most_digits(later[[taken[name][0] for name in state]].head(_LOOKED_AT)),
         _is_single(np.concatenate([np.zeros(0), *unscaled])),
@@ -155,8 +155,10 @@ def _frame(source: Any) -> tuple["pd.DataFrame", str]:
     """A table with rows, and what errors call it."""
     import pandas as pd
 
-    given = isinstance(source, pd.DataFrame)
-    frame, where = (source, "table") if given else (_file(Path(source)), str(source))
+    if isinstance(source, pd.DataFrame):
+        frame, where = source, "table"
+    else:
+        frame, where = _file(Path(source)), str(source)
     if not len(frame):
         raise ArgumentError(f"{where}: no row")
     if frame.columns.duplicated().any():
@@ -170,7 +172,7 @@ def _runs(
     abscissa: str,
     problem: Problem,
     ours: Mapping[str, Sequence[str]],
-    given: Mapping[str, Sequence[str]],
+    present: Mapping[str, Sequence[str]],
 ) -> list[Run]:
     """The runs of a table in the order of series, and of sizes from the largest."""
     runs = []
@@ -188,7 +190,7 @@ def _runs(
             {str(name): rows[name].to_numpy() for name in further},
             last.get("message", ""),
             {name: last[name] for name in METHOD if last.get(name)},
-            [name for part in given.values() for name in part if not math.isfinite(last[name])],
+            [name for part in present.values() for name in part if not math.isfinite(last[name])],
         ))  # fmt: skip
     order = table["series"].unique().tolist()
     return sorted(runs, key=lambda run: (order.index(run.series), -run.size, run.twin))
@@ -221,29 +223,29 @@ def _columns(
     """Column of this tool → column of the table, and what its numbers are multiplied by."""
     ours = {f"{part}[{name}]": part for part, names in names_of(problem).items() for name in names}
     allowed = (*NUMBERS, *TEXTS, *ours)
-    found: dict[str, tuple[str, float]] = {}
-    for name, given in (mapping or {}).items():
+    sources: dict[str, tuple[str, float]] = {}
+    for name, expression in (mapping or {}).items():
         if name not in allowed:
             raise ArgumentError(f"columns: unknown {shown(name)}{nearest(name, allowed)}")
-        found[name] = _times(given, known, f"columns: {name}: {where}")
+        sources[name] = _times(expression, known, f"columns: {name}: {where}")
     for name in known:
         if name in allowed or CORRECTIONS.fullmatch(name):
-            found.setdefault(name, (name, 1.0))
+            sources.setdefault(name, (name, 1.0))
         elif re.fullmatch(r"(u|v|lambda|output)\[.*\]", name) and not any(
-            theirs == name for theirs, _ in found.values()
+            theirs == name for theirs, _ in sources.values()
         ):
             raise ArgumentError(f"{where}: {problem.name} has no {name}{nearest(name, ours)}")
-    _number_columns(known, problem, found, notes)
-    used = {theirs for theirs, _ in found.values()}
+    _number_columns(known, problem, sources, notes)
+    used = {theirs for theirs, _ in sources.values()}
     left = [name for name in known if name not in used and not name.startswith("a[")]
     if left:
         notes.append(f"not read: column {_some(left)}")
-    return found
+    return sources
 
 
-def _times(given: Any, known: Sequence[str], where: str) -> tuple[str, float]:
+def _times(expression: Any, known: Sequence[str], where: str) -> tuple[str, float]:
     """Column and factor from text such as ``-2 * force``."""
-    match = _FACTOR.fullmatch(str(given))
+    match = _FACTOR.fullmatch(str(expression))
     assert match is not None
     if match[3] not in known:
         raise ArgumentError(f"{where} has no column {match[3]!r}{nearest(match[3], known)}")
@@ -253,7 +255,7 @@ def _times(given: Any, known: Sequence[str], where: str) -> tuple[str, float]:
 def _number_columns(
     known: Sequence[str],
     problem: Problem,
-    found: dict[str, tuple[str, float]],
+    sources: dict[str, tuple[str, float]],
     notes: list[str],
 ) -> None:
     """Take columns that are numbered, one for each component, in the mechanism's order."""
@@ -265,8 +267,8 @@ def _number_columns(
     for part, columns in numbered.items():
         names = names_of(problem)[part]
         wanted = [f"{part}[{name}]" for name in names]
-        if len(columns) == len(names) and not set(wanted) & found.keys():
-            found |= {
+        if len(columns) == len(names) and not set(wanted) & sources.keys():
+            sources |= {
                 name: (theirs, 1.0)
                 for name, (_, theirs) in zip(wanted, sorted(columns), strict=True)
             }
@@ -282,17 +284,17 @@ def _numbers(column: "pd.Series[Any]", what: str, where: str) -> Array:
         return np.asarray(values, object).astype(float)
     except (ValueError, TypeError):
         pass  # where some are empty, or words
-    found = np.full(len(values), math.nan)
+    numbers = np.full(len(values), math.nan)
     for place, value in enumerate(values):
         text = str(value).strip()
         # "nan" is in all that C writes for numbers that are none, such as -nan(ind).
         if text and text != "None" and "nan" not in text.lower():
             try:
-                found[place] = float(text)
+                numbers[place] = float(text)
             except ValueError:
                 line = f"line {place + 2}" if where.endswith(".csv") else f"row {place + 1}"
                 raise ArgumentError(f"{what}, {line}: not a number, given {text!r}") from None
-    return found
+    return numbers
 
 
 def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str) -> None:
@@ -317,10 +319,10 @@ def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str) -> None:
         )
 
 
-def _abscissa(found: Collection[str], has: str, where: str) -> str:
+def _abscissa(columns: Collection[str], has: str, where: str) -> str:
     """The column of sizes; there must be one of times, too."""
-    abscissa = next((name for name in ABSCISSAS if name in found), None)
-    if abscissa is None or "t" not in found:
+    abscissa = next((name for name in ABSCISSAS if name in columns), None)
+    if abscissa is None or "t" not in columns:
         lacking = "t" if abscissa else "h, tolerance or steps"
         raise ArgumentError(f"{where}: needs a column {lacking}{has}")
     return abscissa
