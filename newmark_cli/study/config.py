@@ -85,8 +85,8 @@ class _Rules(RuledModel):
             raise ValueError(_TOO_MANY_CELLS)
         measures = [MEASURES[name] for name in self.measure]
         if (self.t_end is None) == (self.steps is None):
-            given = "both" if self.steps is not None else "neither"
-            yield misfit("t_end", f"needs either t_end or steps, given {given}")
+            which = "both" if self.steps is not None else "neither"
+            yield misfit("t_end", f"needs either t_end or steps, given {which}")
         yield from self._misfits_of_the_end(any(measure.at_end for measure in measures))
         yield from (error for measure in measures for error in self._unmeasurable(measure))
         labels = [variant.label for variant in self.variants()]
@@ -145,8 +145,8 @@ class _Rules(RuledModel):
         for name, numbers in self.recorded().items():
             key, mend = _RECORDED[name]
             if numbers > _MOST_RECORDED:
-                given = f", given {self.samples}" if key == "samples" else ""
-                text = f"{name} of {numbers} numbers, at most {_MOST_RECORDED}; {mend}{given}"
+                now = f", given {self.samples}" if key == "samples" else ""
+                text = f"{name} of {numbers} numbers, at most {_MOST_RECORDED}; {mend}{now}"
                 yield misfit(key, text)
         yield from self._missed()
         yield from self._beyond()
@@ -169,8 +169,8 @@ class _Rules(RuledModel):
 
     def _combinations(self, *names: str) -> Iterator[dict[str, Any]]:
         """Every combination of the values along some axes."""
-        given = axes.values(self)
-        for values in product(*(given[name] for name in names)):
+        values_of = axes.values(self)
+        for values in product(*(values_of[name] for name in names)):
             yield dict(zip(names, values, strict=True))
 
     def _missed(self) -> Iterator[PydanticCustomError]:
@@ -203,9 +203,9 @@ class _Rules(RuledModel):
 
     def _lengths(self) -> list[tuple[StepSequence, float, int]]:
         """Sequences, step sizes and steps; none where the march has no length."""
-        every = [(each.value(), h) for each in self.h_sequence for h in self.h]
+        every = [(sequence.value(), h) for sequence in self.h_sequence for h in self.h]
         if self.steps is not None:
-            return [(*each, self.steps) for each in every]
+            return [(sequence, h, self.steps) for sequence, h in every]
         end = self.t_end
         if end is None:
             return []
@@ -250,13 +250,13 @@ class _Rules(RuledModel):
 
     def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""
-        given = axes.values(self)
+        values = axes.values(self)
         solvers = [
             (DENSE, SPARSE, STATIC) if solver == AUTO else (solver,)
-            for solver in given["linear_solver"]
+            for solver in values["linear_solver"]
         ]
-        given["linear_solver"] = tuple(chain.from_iterable(solvers))
-        return {**given, "measure": self.measure, "initial": (self.steps == 0,)}
+        values["linear_solver"] = tuple(chain.from_iterable(solvers))
+        return {**values, "measure": self.measure, "initial": (self.steps == 0,)}
 
     @property
     def count(self) -> int:
@@ -273,14 +273,14 @@ class _Rules(RuledModel):
         traits = [spec.traits() for spec in self.problem] if needed else []
         if HISTORY.name in self.measure:
             pairs = sum(min(last, 2 * min(last, self.samples)) for last in steps)
-            width = sum(each.m + _outputs(each) for each in traits)
+            width = sum(t.m + _outputs(t) for t in traits)
             numbers[HISTORY.name] = pairs * width * others
         if DRIFT.name in self.measure:
             numbers[DRIFT.name] = 2 * self.count * self.samples
         if (kept := axes.kept_of(self)) is not None:
             sizes = [
-                {"lambda": each.m, ENERGY: 1, OUTPUT: _outputs(each)} | dict.fromkeys("uva", each.n)
-                for each in traits
+                {"lambda": t.m, ENERGY: 1, OUTPUT: _outputs(t)} | dict.fromkeys("uva", t.n)
+                for t in traits
             ]
             width = sum(2 + sum(size[name] for name in kept.keep) for size in sizes)
             looks = sum(len(kept.at) or -(-last // kept.every) + 1 for last in steps)
@@ -402,13 +402,13 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     around = replace(around or Surroundings(), problems={})
     mistakes = documents.Mistakes()
     head, shared, more = _keys_at_the_top(document, mistakes)
-    given = data.get("cases", [] if "cases" in head else [{}])
+    entries = data.get("cases", [] if "cases" in head else [{}])
     if "cases" in data:
-        if not isinstance(given, list) or not given:
+        if not isinstance(entries, list) or not entries:
             mistakes.note(document.error(("cases",), "must be a list of cases, at least one"))
-            given = []
-        if len(given) > MOST_CASES:
-            raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(given)}")
+            entries = []
+        if len(entries) > MOST_CASES:
+            raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(entries)}")
         # Also what every case replaces: a mistake is a mistake where nobody looks.
         try:
             documents.validate(document, _Shared, shared, context=around)
@@ -416,7 +416,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             mistakes.note(error)
             wrong = {str(mistake.path[0]) for mistake in error.mistakes if mistake.path}
             shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
-    cases = _cases(document, shared, given, around, mistakes)
+    cases = _cases(document, shared, entries, around, mistakes)
     with mistakes.gathered():
         named = {**head, "cases": [*cases.values()]}
         study = documents.validate(document, Study, named, context=around)
@@ -424,7 +424,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=more)
-    assert len(study.cases) == len(given)
+    assert len(study.cases) == len(entries)
     _require_shown(document, study)
     _refuse_repeated_names(document, study)
     study = expecting.resolved(document, study)
@@ -455,14 +455,14 @@ def _keys_at_the_top(
 def _cases(
     document: Document,
     shared: Mapping[str, Any],
-    given: Sequence[Any],
+    entries: Sequence[Any],
     around: Surroundings,
     mistakes: documents.Mistakes,
 ) -> dict[int, Case]:
     """Place → case, of those without a mistake."""
     cases: dict[int, Case] = {}
     count = 0
-    for i, case in enumerate(given):
+    for i, case in enumerate(entries):
         if mistakes.full:  # nobody reads a thousand, and looking takes its time
             mistakes.stop()
             break
@@ -482,19 +482,19 @@ def _warn_of(spec: ProblemSpec) -> None:
 
 
 def _case(
-    document: Document, shared: Mapping[str, Any], given: Any, index: int, around: Surroundings
+    document: Document, shared: Mapping[str, Any], entry: Any, index: int, around: Surroundings
 ) -> Case:
-    if not isinstance(given, dict):
+    if not isinstance(entry, dict):
         raise document.error(("cases", index), "must be a mapping of keys to values")
 
     def locate(path: KeyPath) -> KeyPath:
-        if "cases" in document.data and (not path or path[0] in given or path[0] not in shared):
+        if "cases" in document.data and (not path or path[0] in entry or path[0] not in shared):
             return ("cases", index, *path)
         return path
 
-    if "t_end" in given or "steps" in given:
+    if "t_end" in entry or "steps" in entry:
         shared = {key: value for key, value in shared.items() if key not in ("t_end", "steps")}
-    return documents.validate(document, Case, {**shared, **given}, locate, around)
+    return documents.validate(document, Case, {**shared, **entry}, locate, around)
 
 
 def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
@@ -570,13 +570,13 @@ def _require_shown(document: Document, study: Study) -> None:
         (("figures", i, figure) for i, figure in enumerate(study.figures or ())),
         (("tables", i, table) for i, table in enumerate(study.tables or ())),
     )
-    for (kind, i, each), key in product(shown, known):
-        given = getattr(each, key) or ()
-        for value in (given,) if isinstance(given, str) else given:
-            needed = drawing.needed(value) if key == "measure" else ()
-            if value not in known[key] and not set(needed) & set(known[key]):
-                near = nearest(value, known[key])
-                text = f"{value!r} is not among the study's{near}"
+    for (kind, i, model), key in product(shown, known):
+        value = getattr(model, key) or ()
+        for name in (value,) if isinstance(value, str) else value:
+            needed = drawing.needed(name) if key == "measure" else ()
+            if name not in known[key] and not set(needed) & set(known[key]):
+                near = nearest(name, known[key])
+                text = f"{name!r} is not among the study's{near}"
                 raise document.error((kind, i, key), text)
 
 

@@ -80,7 +80,7 @@ def _expectation(number: int, entry: Mapping[str, Any]) -> Expectation:
         _number(entry, "at_most", math.inf),
         _number(entry, "at_least", 0.0),
         _number(entry, "h"),
-        None if over is None else {axis: given[0] for axis, given in chosen(over).items()},
+        None if over is None else {axis: values[0] for axis, values in chosen(over).items()},
         _number(over or {}, "h"),
         _number(entry, "spread"),
         str(entry.get("status") or ""),

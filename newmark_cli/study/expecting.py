@@ -80,10 +80,10 @@ class _Rules(RuledModel):
 
 
 def unknown(
-    measure: str, given: Sequence[str] | None, quantities: Collection[str]
+    measure: str, wanted: Sequence[str] | None, quantities: Collection[str]
 ) -> Iterator[PydanticCustomError]:
     """Misfits of quantities that a measure does not have."""
-    for quantity in given or ():
+    for quantity in wanted or ():
         if quantity not in quantities:
             near = nearest(quantity, quantities)
             yield misfit("quantity", f"{measure} has no {quantity!r}{near}")
@@ -100,7 +100,9 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
     annotation = axis.config(keys)
     # Of `OneOrMore[Item]`, or of `Item | None`.
     inner = get_args(annotation)
-    item = get_args(inner[0])[0] if axis.many else next(one for one in inner if one is not NoneType)
+    item = (
+        get_args(inner[0])[0] if axis.many else next(part for part in inner if part is not NoneType)
+    )
 
     def read(value: Any, parse: Callable[[Any], Any]) -> str:
         try:
@@ -111,8 +113,8 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
             raise
 
     def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-        spelled = handler(schema)
-        return spelled if "enum" in spelled else {"anyOf": [spelled, {"type": "string"}]}
+        of_item = handler(schema)
+        return of_item if "enum" in of_item else {"anyOf": [of_item, {"type": "string"}]}
 
     values = OneOrMore[
         Annotated[item, WrapValidator(read), PlainSerializer(str), Shown(written)]  # type: ignore[valid-type]
@@ -191,9 +193,9 @@ def resolved(document: Document, study: "Study") -> "Study":
     offered = [_Offered(case) for case in study.cases]
     mistakes = Mistakes()
     expectations = []
-    for i, each in enumerate(study.expect):
+    for i, expectation in enumerate(study.expect):
         with mistakes.gathered():
-            expectations.append(_resolved(document, ("expect", i), each, offered))
+            expectations.append(_resolved(document, ("expect", i), expectation, offered))
     mistakes.refuse()
     return study.model_copy(update={"expect": tuple(expectations)})
 
@@ -210,27 +212,27 @@ class _Offered:
         #: Axis → how an expectation may spell a value → as the CSV may have it.
         self.spellings: dict[str, dict[str, list[str]]] = {}
         for axis in _AXES:
-            spelled = self.spellings[axis.name] = {}
+            spellings = self.spellings[axis.name] = {}
             for value in values[axis.name]:
                 labels = _labels(axis, value, values["projection"])
                 # One's own scalings go by their names, too.
                 name = value.name if axis.name == "preconditioning" else _label(axis, value)
                 for text in dict.fromkeys((*labels, name)):
-                    spelled.setdefault(text, []).extend(labels if text == name else [text])
+                    spellings.setdefault(text, []).extend(labels if text == name else [text])
 
     def rows(self, measure: str, choice: _Choice) -> set[tuple[str, str]] | None:
         """Quantity and row block of its rows of a measure; None where that is not known."""
         forms = [form for form in self._forms if form in choice.get("form", [form])]
         formulations = [
-            one for one in self._formulations if one.label in choice.get("formulation", [one.label])
+            f for f in self._formulations if f.label in choice.get("formulation", [f.label])
         ]
         names_of_rows = set()
-        for one in self.measures:
-            if measure in (record.name for record in one.records):
-                if one.rows is None:
+        for candidate in self.measures:
+            if measure in (record.name for record in candidate.records):
+                if candidate.rows is None:
                     return None
                 for form, formulation in product(forms, formulations):
-                    names = one.rows(formulation.applied(FORMS[form]))
+                    names = candidate.rows(formulation.applied(FORMS[form]))
                     names_of_rows |= {(name[1], name[3]) for name in names if name[0] == measure}
         return names_of_rows
 
@@ -268,7 +270,7 @@ def _names_of_rows(offered: Sequence[_Offered], measure: str) -> dict[str, list[
     rows = [case.rows(measure, {}) for case in offered]
     if None in rows or not any(rows):
         return {}
-    every = {row for found in rows for row in found or ()}
+    every = {row for of_case in rows for row in of_case or ()}
     keys = ("quantity", "row_block")
     return {key: sorted({row[k] for row in every} - {""}) for k, key in enumerate(keys)}
 
@@ -276,17 +278,17 @@ def _names_of_rows(offered: Sequence[_Offered], measure: str) -> dict[str, list[
 def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[_Offered]) -> Any:
     mistakes = Mistakes()
 
-    def require(key: str, given: Iterable[Any], known: Iterable[str]) -> None:
+    def require(key: str, values: Iterable[Any], known: Iterable[str]) -> None:
         names = dict.fromkeys(known)
-        for value in given:
+        for value in values:
             if value not in names:
                 text = f"{value!r} is not among the study's{nearest(value, names)}"
                 mistakes.note(document.error((*path, key), text))
 
-    def chosen_of(given: Any, prefix: str = "") -> Iterator[tuple[str, tuple[str, ...]]]:
+    def chosen_of(entry: Any, prefix: str = "") -> Iterator[tuple[str, tuple[str, ...]]]:
         """Axis → values as spelled in an expectation or its divisor."""
         for axis in _AXES:
-            if (values := getattr(given, axis.name)) is not None:
+            if (values := getattr(entry, axis.name)) is not None:
                 known = (text for case in offered for text in case.spellings[axis.name])
                 require(prefix + axis.name, values, known)
                 yield axis.name, values

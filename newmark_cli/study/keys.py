@@ -102,11 +102,11 @@ def _one_or_more(
     value: Any, validate: Callable[[Any], tuple[Any, ...]], info: ValidationInfo
 ) -> tuple[Any, ...]:
     """A value or a list of values, each once."""
-    given = value if isinstance(value, list) else [value]
-    if len(given) > _MOST_ITEMS:
-        raise ValueError(f"at most {_MOST_ITEMS} values, given {len(given)}")
+    items = value if isinstance(value, list) else [value]
+    if len(items) > _MOST_ITEMS:
+        raise ValueError(f"at most {_MOST_ITEMS} values, given {len(items)}")
     try:
-        values = validate(given)
+        values = validate(items)
     except ValidationError:
         # Not before: the name of a file may have a comma in it.
         documents.require_brackets(value, info)
@@ -152,7 +152,7 @@ class _Known:
 
     def _check(self, name: str) -> str:
         if name not in self.allowed and self.axis:
-            name = next((one for one in self.allowed if in_words(self.axis, one) == name), name)
+            name = next((n for n in self.allowed if in_words(self.axis, n) == name), name)
         if name not in self.allowed:
             raise _unknown(self.kind, name, self.allowed)
         return name
@@ -176,11 +176,11 @@ _NAMES: Mapping[str, Collection[str]] = {
 }
 
 
-def _unknown(kind: str, given: Any, allowed: Iterable[str]) -> PydanticCustomError:
+def _unknown(kind: str, value: Any, allowed: Iterable[str]) -> PydanticCustomError:
     """Error of a name that is not allowed; says which keys it is a value of."""
-    keys = [key for key, names in _NAMES.items() if isinstance(given, str) and given in names]
-    said = f", which is a value of the key {' or '.join(keys)}" if keys else ""
-    return documents.unknown_name(kind, given, allowed, said)
+    keys = [key for key, names in _NAMES.items() if isinstance(value, str) and value in names]
+    remark = f", which is a value of the key {' or '.join(keys)}" if keys else ""
+    return documents.unknown_name(kind, value, allowed, remark)
 
 
 def _name(text: str) -> str:
@@ -225,12 +225,12 @@ class Valued(StrictModel):
 Value = TypeVar("Value", bound=Valued)
 
 
-def read(name: str, given: Any, model: type[Value]) -> Any:
+def read(name: str, value: Any, model: type[Value]) -> Any:
     """The core's value of what a command line, or a function of the library, is given.
 
     The model is that of the config's key, and errors are those of a config, under the name.
     """
-    return documents.validate(Document.of(name, given), model).value()
+    return documents.validate(Document.of(name, value), model).value()
 
 
 class OwnScaling(Valued):
@@ -296,18 +296,18 @@ class MethodConfig(Valued):
     def _split(cls, text: str) -> dict[str, Any]:
         """Text as a mapping; a word without a value is true."""
         method, *words = text.split() or [""]
-        given: dict[str, Any] = {"method": method}
+        mapping: dict[str, Any] = {"method": method}
         for word in words:
             name, equals, value = word.partition("=")
-            given[name] = documents.plain(value) if equals else True
+            mapping[name] = documents.plain(value) if equals else True
             why = ""
             if name not in cls.model_fields:
                 why = f"unknown parameter {name!r}; for example {cls.example()}"
-            elif isinstance(given[name], str):
+            elif isinstance(mapping[name], str):
                 why = f"{name} must be a number"
             if why:
                 raise PydanticCustomError("method", "{message}", {"message": why})
-        return given
+        return mapping
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -321,8 +321,8 @@ class MethodConfig(Valued):
 
     def parameters(self) -> dict[str, float]:
         """Those that are given."""
-        given = self.model_dump(exclude={"method"}, exclude_none=True)
-        return {name: float(value) for name, value in given.items()}
+        values = self.model_dump(exclude={"method"}, exclude_none=True)
+        return {name: float(value) for name, value in values.items()}
 
     def _refuse_others(self, allowed: Collection[str], owners: Mapping[str, str]) -> None:
         """Refuse parameters of other methods, by parameter and method in ``owners``."""
@@ -382,14 +382,14 @@ class IntegratorConfig(MethodConfig):
 
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
-        allowed, given = parameters(self.method), self.parameters()
+        allowed, values = parameters(self.method), self.parameters()
         owners = {name: method for method in INTEGRATORS for name in parameters(method)}
         self._refuse_others(allowed, owners)
         example = f"for example {self.example(self.method)}"
         try:
             self.value()
         except TypeError:
-            missing = [name for name in allowed if name not in given]
+            missing = [name for name in allowed if name not in values]
             raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
         except IntegratorError as error:
             raise misfit(str(error).split()[0], f"{error}; {example}") from None
@@ -423,8 +423,8 @@ class FormulationConfig(MethodConfig):
     def _usable(self) -> "FormulationConfig":
         owners = {name: method for method, kind in METHODS.items() for name in kind.parameters}
         self._refuse_others(METHODS[self.method].parameters, owners)
-        if len(given := list(self.parameters())) > 1:
-            raise misfit(given[-1], f"give either {' or '.join(given)}, not both")
+        if len(names := list(self.parameters())) > 1:
+            raise misfit(names[-1], f"give either {' or '.join(names)}, not both")
         return self
 
     def value(self) -> Formulation:
@@ -490,16 +490,16 @@ class SequenceConfig(Valued):
 
     @model_validator(mode="after")
     def _usable(self) -> "SequenceConfig":
-        given = {name for name in type(self).model_fields if getattr(self, name) is not None}
-        kinds = [kind for kind in (*_OF_SEQUENCE,) if kind in given]
-        if given and len(kinds) != 1:
+        names = {name for name in type(self).model_fields if getattr(self, name) is not None}
+        kinds = [kind for kind in (*_OF_SEQUENCE,) if kind in names]
+        if names and len(kinds) != 1:
             kinds = kinds or list(_OF_SEQUENCE)
-            raise ValueError(f"needs one of {', '.join(kinds)}, given {', '.join(sorted(given))}")
+            raise ValueError(f"needs one of {', '.join(kinds)}, given {', '.join(sorted(names))}")
         for kind in kinds:
             other, needed = _OF_SEQUENCE[kind]
-            if others := sorted(given - {kind, other}):
+            if others := sorted(names - {kind, other}):
                 raise misfit(others[0], f"does not belong to {kind}")
-            if needed and other not in given:
+            if needed and other not in names:
                 raise misfit(kind, f"needs {other}")
         try:
             self.value()
@@ -513,9 +513,9 @@ class SequenceConfig(Valued):
         kind = next((kind for kind in _OF_SEQUENCE if getattr(self, kind) is not None), None)
         if kind is None:
             return CONSTANT
-        given = self.model_dump(exclude_none=True)
-        made: StepSequence = SEQUENCES[kind](**given)
-        return made
+        arguments = self.model_dump(exclude_none=True)
+        sequence: StepSequence = SEQUENCES[kind](**arguments)
+        return sequence
 
     @property
     def label(self) -> str:
@@ -605,9 +605,9 @@ class StopConfig(Valued):
 
     @model_validator(mode="after")
     def _given(self) -> "StopConfig":
-        whole = [key for key in ("test", "absolute", "relative") if getattr(self, key) is not None]
-        if self._fields and whole:
-            raise misfit(whole[0], "not with increments of fields, which have their own limits")
+        keys = [key for key in ("test", "absolute", "relative") if getattr(self, key) is not None]
+        if self._fields and keys:
+            raise misfit(keys[0], "not with increments of fields, which have their own limits")
         if not self._fields and self.absolute is None and self.relative is None:
             raise ValueError("needs absolute or relative")
         if (self.missed == HALVE) != (self.smallest_h is not None):
@@ -722,9 +722,9 @@ def _labelled(text: str, around: Surroundings) -> Any:
     return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
 
 
-def _mechanism(path: Path, spelled: str, allow_code: bool) -> ProblemSpec:
+def _mechanism(path: Path, name: str, allow_code: bool) -> ProblemSpec:
     """What a mechanism file says now."""
-    file = documents.fetch(path, spelled)
+    file = documents.fetch(path, name)
     if allow_code and _has_code(file):
         return ForcedMechanism(file, path).read()
     mechanism = MechanismFile(file)
@@ -755,8 +755,7 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
     if not around.allow_code:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
-    given = tuple(arguments.items())
-    spec = PythonFactory(path, factory, given, str(value["python"]))
+    spec = PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
     return _read_once(spec, spec.label, spec.read, around)
 
 
