@@ -43,8 +43,8 @@ TRAPEZOIDAL = Newmark().label
 SATURATION = "saturation"
 
 
-def _core_value(given: Any) -> Any:
-    return given.value() if hasattr(given, "value") else given
+def _core_value(value: Any) -> Any:
+    return value.value() if hasattr(value, "value") else value
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,9 @@ class Axis:
 
     def labels(self, case: Any) -> Iterator[str]:
         """How CSVs spell the values that a case has along the axis."""
-        given = getattr(case, self.name)
-        for one in given if self.many else (given,):
-            value = self.value(one)
+        listed = getattr(case, self.name)
+        for item in listed if self.many else (listed,):
+            value = self.value(item)
             yield getattr(value, "label", value)
 
 
@@ -125,7 +125,7 @@ def setting(about: str, **rest: Any) -> Any:
 
 
 def _axes(of: type) -> tuple[Axis, ...]:
-    return tuple(_axis(each.name, dict(each.metadata)) for each in fields(of))
+    return tuple(_axis(declared.name, dict(declared.metadata)) for declared in fields(of))
 
 
 def _axis(name: str, declared: dict[str, Any]) -> Axis:
@@ -442,19 +442,19 @@ def row_axes() -> tuple[Axis, ...]:
 @cache
 def _places() -> dict[str, int]:
     """Axis → its place among the values of a `SeriesKey`."""
-    return {each.name: place for place, each in enumerate(series_axes())}
+    return {axis.name: place for place, axis in enumerate(series_axes())}
 
 
 @cache
 def series_axes() -> tuple[Axis, ...]:
     """Axes that tell series apart."""
     every = (STUDY, *cell_axes(), *row_axes(), INITIAL)
-    return tuple(each for each in every if each.series)
+    return tuple(axis for axis in every if axis.series)
 
 
 def labels(cell: Cell) -> dict[str, Any]:
     """Labels that tell a cell from others of its study, by column."""
-    return {each.name: each.write(cell) for each in cell_axes() if each.cell}
+    return {axis.name: axis.write(cell) for axis in cell_axes() if axis.cell}
 
 
 def computed(cell: Cell) -> dict[str, Any]:
@@ -465,32 +465,34 @@ def computed(cell: Cell) -> dict[str, Any]:
             return asdict(value)
         return list(value) if isinstance(value, tuple) else value
 
-    return {each.name: plain(each.write(cell)) for each in cell_axes() if each.computed}
+    return {axis.name: plain(axis.write(cell)) for axis in cell_axes() if axis.computed}
 
 
 def described(cell: Cell) -> str:
     """A cell in a line: what tells it from others, without what goes without saying."""
-    told = [(each.write(cell), each.usual) for each in cell_axes() if each.cell and each.series]
-    parts = [str(given) for given, usual in told if given != usual]
+    labels = [(axis.write(cell), axis.usual) for axis in cell_axes() if axis.cell and axis.series]
+    parts = [str(label) for label, usual in labels if label != usual]
     return " ".join([*parts, f"h={cell.h:g}", f"steps={cell.steps}"])
 
 
-def grid(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def grid(along: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Every combination of `values` of a case, in the order of the CSV."""
-    order = [each.name for each in cell_axes() if each.name in given]
-    inner = {each.name for each in cell_axes() if each.inner}
+    order = [axis.name for axis in cell_axes() if axis.name in along]
+    inner = {axis.name for axis in cell_axes() if axis.inner}
     order.sort(key=lambda name: name in inner)
-    for combination in product(*(given[name] for name in order)):
+    for combination in product(*(along[name] for name in order)):
         yield dict(zip(order, combination, strict=True))
 
 
 def values(case: Any) -> dict[str, tuple[Any, ...]]:
     """Axis → values of the cells of a case, of those axes that tell cells apart."""
     along = {}
-    for each in cell_axes():
-        if each.cell:
-            given = getattr(case, each.name)
-            along[each.name] = tuple(each.value(one) for one in (given if each.many else (given,)))
+    for axis in cell_axes():
+        if axis.cell:
+            listed = getattr(case, axis.name)
+            along[axis.name] = tuple(
+                axis.value(item) for item in (listed if axis.many else (listed,))
+            )
     return along
 
 
@@ -526,12 +528,12 @@ class SeriesKey:
                 ``steps``, where it is given, says whether it was measured at the start.
         """
         labels = []
-        for each in series_axes():
-            if each is INITIAL and "initial" not in row:
+        for axis in series_axes():
+            if axis is INITIAL and "initial" not in row:
                 labels.append(INITIAL.write(row.get("steps", 1)))
             else:
-                given = row[each.name] if each.usual is None else row.get(each.name, each.usual)
-                labels.append(each.same(str(given)))
+                label = row[axis.name] if axis.usual is None else row.get(axis.name, axis.usual)
+                labels.append(axis.same(str(label)))
         return cls(tuple(labels))
 
     def __getattr__(self, name: str) -> str:
@@ -543,15 +545,15 @@ class SeriesKey:
 
     def named(self) -> dict[str, str]:
         """Axis → value."""
-        names = (each.name for each in series_axes())
+        names = (axis.name for axis in series_axes())
         return dict(zip(names, self.values, strict=True))
 
     def besides(self, *said: str) -> list[str]:
         """Values of the axes that neither go without saying nor are said already."""
         return [
             value
-            for each, value in zip(series_axes(), self.values, strict=True)
-            if each.name not in said and value and value != each.usual
+            for axis, value in zip(series_axes(), self.values, strict=True)
+            if axis.name not in said and value and value != axis.usual
         ]
 
 
@@ -583,7 +585,7 @@ def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:
 
 def present(columns: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Columns of a CSV but those of rare axes in which every row has the usual value."""
-    usual = {each.name: each.usual for each in cell_axes() if each.rare}
+    usual = {axis.name: axis.usual for axis in cell_axes() if axis.rare}
     return [
         name
         for name in columns

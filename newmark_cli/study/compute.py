@@ -28,7 +28,7 @@ REDUNDANT = "redundant"
 
 
 class _Watch(Needed, Observer):
-    """Looks at the constraints that were kept along a march of a cell."""
+    """Ends a cell once rows that were dropped as redundant are needed."""
 
 
 def scheme_of(cell: Cell) -> Scheme:
@@ -72,10 +72,10 @@ def compute(
     grid = cell.grid(problem.t0)
     march = March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
     measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
-    observers = {each.name: each.observe(cell, march, reference) for each in measures}
+    observers = {m.name: m.observe(cell, march, reference) for m in measures}
     every = [*observers.values(), _Watch(march.problem, cell.steps)]
     counts, pivoted = _marched(march, cell.steps, every, on_steps)
-    rows = {name: each.measured() for name, each in observers.items()}
+    rows = {name: observer.measured() for name, observer in observers.items()}
     if cell.twins:
         twinned = _by_twins(cell, observers, reference, on_steps)
         for name, deviations in twinned.items():
@@ -107,23 +107,23 @@ def _by_twins(
     reference: Reference | None,
     on_steps: Callable[[int], None],
 ) -> dict[str, list[Deviations]]:
-    """Measure with twins → what its rows are about, of the march and then of each twin."""
+    """Measure with twins → deviations of the march, then of each twin."""
     twinned = {name: MEASURES[name] for name in observers if MEASURES[name].twins}
     deviations = {name: [observers[name].deviations] for name in twinned}
     problem, scheme = cell.problem.load(), scheme_of(cell)
     grid = cell.grid(problem.t0)
     for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov, grid):
-        of_twin = {name: each.observe(cell, twin, reference) for name, each in twinned.items()}
+        of_twin = {name: m.observe(cell, twin, reference) for name, m in twinned.items()}
         _marched(twin, cell.steps, [*of_twin.values()], on_steps)
-        for name, each in of_twin.items():
-            deviations[name].append(each.deviations)
+        for name, observer in of_twin.items():
+            deviations[name].append(observer.deviations)
     return deviations
 
 
 def _marched(
     march: March, steps: int, observers: Sequence[Observer], on_steps: Callable[[int], None]
 ) -> tuple[IndexArray, int]:
-    """Newton corrections of each step that was taken, and how many steps were pivoted."""
+    """Newton iterations of each step, and the number of pivoted steps."""
     counts, pivoted = [np.zeros(0, np.int64)], 0
     if steps == 0:
         for observer in observers:
@@ -153,7 +153,7 @@ def with_rounding(
 
     ``unresolved`` is by how much what they deviate from may be off itself.
     """
-    off = spread([each.get(row.quantity, np.empty(0)) for each in marches])
+    off = spread([deviations.get(row.quantity, np.empty(0)) for deviations in marches])
     rounding = float(np.hypot(off.max(), unresolved)) if off.size else np.nan
     return replace(row, statistics=replace(row.statistics, rounding=rounding))
 

@@ -69,9 +69,9 @@ RowName = tuple[str, str, str, str]
 Deviations = Mapping[str, Array]
 
 
-def _at_samples(found: Mapping[str, Sequence[Array]]) -> Deviations:
-    """Of quantities what was found at each sample; there may be none."""
-    return {name: np.array(each) if each else np.zeros((0, 1)) for name, each in found.items()}
+def _at_samples(samples: Mapping[str, Sequence[Array]]) -> Deviations:
+    """Deviations of quantities from their samples, of which there may be none."""
+    return {name: np.array(off) if off else np.zeros((0, 1)) for name, off in samples.items()}
 
 
 def _of_largest(measure: str, deviations: Deviations) -> list[Measurement]:
@@ -192,7 +192,7 @@ class Measure:
     rows: Callable[[Form], Sequence[RowName]] | None = None
 
     def __post_init__(self) -> None:
-        names = tuple((one.name, q, "primary", "") for one in self.records for q in one.quantities)
+        names = tuple((r.name, q, "primary", "") for r in self.records for q in r.quantities)
         if self.rows is None and names:
             object.__setattr__(self, "rows", lambda form: names)
 
@@ -464,15 +464,15 @@ class _Sensitivities(Observer):
         from newmark_cli.newmark.twins import beside
 
         here = march.here
-        for state, found in ((here, self._samples), (beside(here), self._beside)):
-            found.append(
+        for state, samples in ((here, self._samples), (beside(here), self._beside)):
+            samples.append(
                 perturbation.sensitivities(
                     march.problem, march.scheme, march.t, state, march.system
                 )
             )
 
     def measured(self) -> list[Measurement]:
-        found = []
+        measurements = []
         for row, unknown in self._samples[0] if self._samples else ():
             values, others = (
                 np.array([sample[row, unknown] for sample in samples])
@@ -481,8 +481,8 @@ class _Sensitivities(Observer):
             # Rounding alone tells a state from the one beside it.
             rounding = float(np.median(np.abs(values - others)))
             of_row = replace(statistics(values), rounding=rounding)
-            found.append(Measurement(unknown, "sensitivity", "primary", of_row, row))
-        return found
+            measurements.append(Measurement(unknown, "sensitivity", "primary", of_row, row))
+        return measurements
 
 
 def _order_of_sensitivity(key: SeriesKey) -> float:
@@ -532,14 +532,14 @@ class _Errors(Observer):
     def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
         self.stops = frozenset((cell.steps,))
         self._reference = reference
-        self._found: Deviations = {}
+        self._errors: Deviations = {}
 
     @property
     def deviations(self) -> Deviations:
-        return self._found
+        return self._errors
 
     def sees(self, march: "March") -> None:
-        self._found = errors(self._reference, march.seen, march.problem, march.t)
+        self._errors = errors(self._reference, march.seen, march.problem, march.t)
 
     def unresolved(self, quantity: str) -> float:
         of = OF_OUTPUTS.get(quantity, quantity)
@@ -547,7 +547,7 @@ class _Errors(Observer):
         return float(getattr(self._reference, f"{name}_error", 0.0))
 
     def measured(self) -> list[Measurement]:
-        return _of_largest("error", self._found)
+        return _of_largest("error", self._errors)
 
 
 #: Quantities that are multipliers, or reactions, which are linear in them.
@@ -559,7 +559,7 @@ OF_OUTPUTS: Mapping[str, str] = MappingProxyType(
 
 
 def _groups(outputs: "Outputs") -> dict[str, Mask]:
-    """Kind of output → (k,) which of the outputs are of that kind."""
+    """Kind of output → (k,) mask of the outputs of that kind."""
     names = [name.rpartition(".")[0].rpartition(".")[2] for name in outputs.names]
     return {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
 
@@ -659,7 +659,7 @@ class _Transients(Observer):
 
     @cached_property
     def _exact(self) -> Any:
-        """The motion at those times; None where there is none to be had."""
+        """The exact motion at those times; None if it cannot be computed."""
         from newmark_cli.problems import reference
 
         try:
@@ -689,7 +689,7 @@ class _Transients(Observer):
         exact = zip(*self._exact.states, strict=True)
         return {
             name: np.array(
-                [relative(one - other, size) for one, other in zip(here, true, strict=True)]
+                [relative(ours - exact, size) for ours, exact in zip(here, true, strict=True)]
             )
             for name, here, true, size in zip(names, there, exact, sizes, strict=True)
         }
@@ -754,7 +754,9 @@ def invariants(problem: "Problem", samples: "Sequence[Mapping[str, Misfit]]") ->
 
     relative_errors = {}
     for name in samples[0] if samples else ():
-        errors, sizes = (np.array(each) for each in zip(*(s[name] for s in samples), strict=True))
+        errors, sizes = (
+            np.array(values) for values in zip(*(s[name] for s in samples), strict=True)
+        )
         largest = sizes.max(axis=0)
         if name == "multiplier":
             largest = weights_at_start(problem).scales(largest)
@@ -807,10 +809,10 @@ class _Drift(Observer):
         from newmark_cli.newmark.invariants import misfits
 
         u, v = np.asarray(march.here.fields[:2], float)
-        found = misfits(march.problem, march.t, u, v)
-        self.drift.append((march.done, np.array([found[name].error for name in DRIFTS])))
+        by_name = misfits(march.problem, march.t, u, v)
+        self.drift.append((march.done, np.array([by_name[name].error for name in DRIFTS])))
         for name, errors in self._signed.items():
-            errors.append(found[name].errors)
+            errors.append(by_name[name].errors)
 
     def measured(self) -> list[Measurement]:
         return _of_largest("drift", self.deviations)
@@ -1012,27 +1014,27 @@ class _Trajectories(Observer):
         self._recorder.took(stretch)
 
     @cached_property
-    def _found(self) -> "Trajectory":
+    def _recorded(self) -> "Trajectory":
         if not self._kept.at:
             self._recorder.keep_here()
         return self._recorder.trajectory()
 
     @property
     def trajectory(self) -> Mapping[str, Array | IndexArray]:
-        found = self._found
-        return {"step": found.numbers} | found.columns(self._kept.keep)
+        recorded = self._recorded
+        return {"step": recorded.numbers} | recorded.columns(self._kept.keep)
 
     def measured(self) -> list[Measurement]:
         from newmark_cli.problems.multipliers import weights_at_start
 
-        found = self._found
+        recorded = self._recorded
         # The start is no step; where it is all that was kept, it has to do.
-        after = slice(1, None) if len(found.t) > 1 and found.numbers[0] == 0 else slice(None)
-        sizes = {name: found.arrays[name] for name in found.arrays if name in self._kept.keep}
-        if ENERGY in self._kept.keep and found.energy is not None:
-            sizes[ENERGY] = found.energy[:, None]
-        if OUTPUT in self._kept.keep and found.output_names:
-            sizes[OUTPUT] = found.outputs
+        after = slice(1, None) if len(recorded.t) > 1 and recorded.numbers[0] == 0 else slice(None)
+        sizes = {name: recorded.arrays[name] for name in recorded.arrays if name in self._kept.keep}
+        if ENERGY in self._kept.keep and recorded.energy is not None:
+            sizes[ENERGY] = recorded.energy[:, None]
+        if OUTPUT in self._kept.keep and recorded.output_names:
+            sizes[OUTPUT] = recorded.outputs
         largest = {
             name: np.abs(values[after]).max(axis=1, initial=0.0) for name, values in sizes.items()
         }
@@ -1077,7 +1079,7 @@ class _Floors(Observer):
         self._scheme = march.scheme
         self.stops = frozenset() if unpredicted(march.scheme) else _sampled(cell)
         self._converged = True
-        self._found: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
+        self._samples: list[tuple[Mapping[str, float], Mapping[str, float]]] = []
 
     def took(self, stretch: "Stretch") -> None:
         if len(stretch.iterations):
@@ -1088,8 +1090,8 @@ class _Floors(Observer):
 
         # The state after a step that did not converge is no state of the motion.
         if self._converged:
-            found = floor(march.problem, march.scheme, march.t, march.here, march.system)
-            self._found.append((found.scaled, found.physical))
+            predicted = floor(march.problem, march.scheme, march.t, march.here, march.system)
+            self._samples.append((predicted.scaled, predicted.physical))
 
     def measured(self) -> list[Measurement]:
         return [
@@ -1097,7 +1099,7 @@ class _Floors(Observer):
                 unknown,
                 name,
                 "primary",
-                statistics(np.array([at[k][unknown] for at in self._found])),
+                statistics(np.array([at[k][unknown] for at in self._samples])),
             )
             for k, name in enumerate(FLOOR_OF.values())
             for unknown in self._scheme.form.unknowns

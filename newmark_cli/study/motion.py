@@ -83,7 +83,7 @@ def motion(
 
 
 def _apart(coarse: Motion, fine: Motion) -> float:
-    """Largest difference of the positions, relative to the largest coordinate."""
+    """Largest difference of positions, relative to the largest coordinate."""
     size = max(float(np.abs(u).max()) for u in fine.positions) or 1.0
     pairs = zip(coarse.positions, fine.positions, strict=True)
     return max(float(np.abs(a - b).max()) for a, b in pairs) / size
@@ -107,12 +107,14 @@ def _marched(
                         "Newton's iteration does not converge; try a smaller --h, or the motion "
                         "ends there"
                     )
-            found, worst = recorder.trajectory(), 0.0
-            states = zip(found.t.tolist(), found.u, found.v, strict=True)
+            trajectory, worst = recorder.trajectory(), 0.0
+            states = zip(trajectory.t.tolist(), trajectory.u, trajectory.v, strict=True)
             for state in islice(states, 1, None):
-                for each in misfits(problem, *state).values():
-                    worst = max(worst, each.error / float(each.sizes[0]) if each.error else 0.0)
-            return Motion([*found.u], h, math.inf, worst)
+                for misfit in misfits(problem, *state).values():
+                    worst = max(
+                        worst, misfit.error / float(misfit.sizes[0]) if misfit.error else 0.0
+                    )
+            return Motion([*trajectory.u], h, math.inf, worst)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         why = error.args[-1] if error.args else type(error).__name__
         raise InputError(f"no march to t = {t_end:g} with h = {h:g}: {why}") from None
@@ -124,7 +126,7 @@ def _scheme(integrator: Integrator, h: float) -> Scheme:
 
 
 def _spread(steps: int, looks: int) -> list[int]:
-    """Steps after the start at which to look, evenly spread, the last among them."""
+    """Evenly spread steps after the start, ending with the last."""
     spread = np.unique(np.round(np.linspace(0, steps, looks)).astype(int))
     return [step for step in spread.tolist() if step > 0]
 
