@@ -94,7 +94,7 @@ def read_csv(
 def _read_csv(
     path: Path, columns: Sequence[str], defaults: Mapping[str, str], content: bytes | OSError | None
 ) -> Table:
-    """Rows of a CSV, whose header may lack the columns that have a default."""
+    """Rows of a CSV; columns with a default may be missing."""
     text = _text(path, content)
     try:
         rows, begins = parse_csv(text)
@@ -113,13 +113,14 @@ def _read_csv(
             raise ResultsError(
                 f"{path}, line {line}: {len(row)} fields where {len(header)} belong; truncated?"
             )
-    lacking = {name: [usual] * (len(rows) - 1) for name, usual in defaults.items()}
-    given = dict(zip(header, map(list, zip(*rows[1:], strict=True)), strict=True))
-    return Table(given | {name: lacking[name] for name in lacking if name not in given}, begins[1:])
+    table = dict(zip(header, map(list, zip(*rows[1:], strict=True)), strict=True))
+    for name, usual in defaults.items():
+        table.setdefault(name, [usual] * (len(rows) - 1))
+    return Table(table, begins[1:])
 
 
 def _text(path: Path, content: bytes | OSError | None) -> str:
-    """The text of a file, whose content may be known."""
+    """Decoded text of a file, read unless its content is given."""
     try:
         content = files.read(path) if content is None else content
         if isinstance(content, OSError):
@@ -147,24 +148,27 @@ def read_rows(path: Path) -> Table:
     for column in NUMBERS:
         columns[column] = _numbers(path, lines, column, columns[column])
     for column, allowed in (("status", STATUSES), ("study", (path.stem,))):
-        for line, given in zip(lines, columns[column], strict=True):
-            if given not in allowed:
+        for line, text in zip(lines, columns[column], strict=True):
+            if text not in allowed:
                 raise ResultsError(
-                    f"{path}, line {line}: {column} is {given!r}; allowed here: "
-                    f"{', '.join(allowed)}"
+                    f"{path}, line {line}: {column} is {text!r}; allowed here: {', '.join(allowed)}"
                 )
-    table = Table(columns, lines)
-    record = _parsed(contents[path.with_suffix(".json")])
-    _require_recorded_rows(path, len(lines), lines[-1] + 1, record)
-    return table
+    # A CSV that was cut at the end of a line tells by what stands beside it.
+    recorded = _parsed(contents[path.with_suffix(".json")]).get("rows")
+    if isinstance(recorded, int) and recorded != len(lines):
+        raise ResultsError(
+            f"{path}, line {lines[-1] + 1}: {len(lines)} rows where {recorded} were written; "
+            "truncated?"
+        )
+    return Table(columns, lines)
 
 
-def _numbers(path: Path, lines: Sequence[int], column: str, given: Sequence[str]) -> list[float]:
+def _numbers(path: Path, lines: Sequence[int], column: str, texts: Sequence[str]) -> list[float]:
     """Numbers of a column; see `number`."""
     try:
-        return [float(text) if text else math.nan for text in given]
+        return [float(text) if text else math.nan for text in texts]
     except ValueError:  # says where
-        return [number(path, line, column, text) for line, text in zip(lines, given, strict=True)]
+        return [number(path, line, column, text) for line, text in zip(lines, texts, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -219,15 +223,6 @@ def listed(record: Mapping[str, Any], key: str) -> Sequence[Any]:
     return value if isinstance(value, list) else []
 
 
-def _require_recorded_rows(path: Path, rows: int, end: int, record: Mapping[str, Any]) -> None:
-    """A CSV that was cut at the end of a line tells by what stands beside it."""
-    recorded = record.get("rows")
-    if isinstance(recorded, int) and recorded != rows:
-        raise ResultsError(
-            f"{path}, line {end}: {rows} rows where {recorded} were written; truncated?"
-        )
-
-
 def _parsed(content: bytes | OSError) -> dict[str, Any]:
     try:
         record = {} if isinstance(content, OSError) else files.parse_json(content)
@@ -236,13 +231,11 @@ def _parsed(content: bytes | OSError) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def number(path: Path, line: Any, column: str, given: str) -> float:
+def number(path: Path, line: Any, column: str, text: str) -> float:
     """A number of a CSV; NaN where the cell is empty."""
-    if given == "":
+    if text == "":
         return math.nan
     try:
-        return float(given)
+        return float(text)
     except ValueError:
-        raise ResultsError(
-            f"{path}, line {line}: {column}: not a number, given {given!r}"
-        ) from None
+        raise ResultsError(f"{path}, line {line}: {column}: not a number, given {text!r}") from None

@@ -36,7 +36,7 @@ class Column:
 
 
 def _statistic(name: str, about: str, since: int = 0) -> Column:
-    return Column(name, about, lambda outcome, found: getattr(found, name, None), since)
+    return Column(name, about, lambda outcome, statistics: getattr(statistics, name, None), since)
 
 
 ROUNDING = "rounding"
@@ -57,12 +57,12 @@ MEASURED = (
         "not_converged",
         "steps that reached the cap of iterations above the terminal-phase threshold; "
         "they are left out of the statistics",
-        lambda outcome, found: outcome.not_converged,
+        lambda outcome, statistics: outcome.not_converged,
     ),
     Column(
         "newton_iterations",
         "corrections computed per step, mean",
-        lambda outcome, found: outcome.newton_iterations,
+        lambda outcome, statistics: outcome.newton_iterations,
     ),
     Column(
         "status",
@@ -70,13 +70,13 @@ MEASURED = (
         "says that this ends a march), `stagnated` (a Krylov solver), `singular`, `diverged`, "
         "`redundant` (in space: a row that was released as redundant is needed after all) or "
         "`failed`",
-        lambda outcome, found: outcome.status,
+        lambda outcome, statistics: outcome.status,
         is_number=False,
     ),
     Column(
         "met",
         "steps that met the tolerance; empty where rounding stops Newton",
-        lambda outcome, found: outcome.met,
+        lambda outcome, statistics: outcome.met,
         since=2,
     ),
     _statistic(
@@ -190,7 +190,7 @@ def _over_time(
     recorded: Sequence[Sequence[tuple[int, Array]]],
     names: Sequence[Sequence[str]],
 ) -> str:
-    """CSV of what cells recorded, values by their names; or empty."""
+    """CSV of recorded values by name; empty if there are none."""
     parts = [
         (cell, own, steps) for cell, own, steps in zip(cells, names, recorded, strict=True) if steps
     ]
@@ -217,7 +217,7 @@ def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
     return [
         axis.name
         for axis in axes.cell_axes()
-        if axis.name in HISTORY_MAY_HAVE and any(each[axis.name] != axis.usual for each in labels)
+        if axis.name in HISTORY_MAY_HAVE and any(label[axis.name] != axis.usual for label in labels)
     ]
 
 
@@ -264,7 +264,7 @@ _PLAIN_NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?( ([-+]?[0-9.]+(e[-+]?[
 
 
 def _guarded(text: str) -> str:
-    """Text that no spreadsheet takes for a formula; `_unguarded` brings it back."""
+    """Text that no spreadsheet takes for a formula; see `_unguarded`."""
     return f"'{text}" if _FORMULA.match(text) and not _PLAIN_NUMBERS.fullmatch(text) else text
 
 

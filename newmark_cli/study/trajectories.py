@@ -97,8 +97,8 @@ def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Tab
     )
     kinds = (*KEPT, ENERGY, OUTPUT)
     ordered = sorted(components, key=lambda name: kinds.index(name.partition("[")[0]))
-    told = results.told_apart([label for label, _ in parts])
-    return Table(study, (*HISTORY_COLUMNS, *told, *ordered), parts)
+    varying = results.told_apart([label for label, _ in parts])
+    return Table(study, (*HISTORY_COLUMNS, *varying, *ordered), parts)
 
 
 def read(folder: Path, study: str) -> "pd.DataFrame":
@@ -128,8 +128,8 @@ def parse(path: Path, content: bytes | OSError) -> "pd.DataFrame":
     frame = reading.read_csv(path, HISTORY_COLUMNS, content=content)
     for column in frame.columns:
         if column not in _TEXTS:
-            given = frame[column].items()
-            values = np.array([reading.number(path, line, column, text) for line, text in given])
+            texts = frame[column].items()
+            values = np.array([reading.number(path, line, column, text) for line, text in texts])
             if column != "step":
                 frame[column] = values
             elif np.all(values % 1 == 0):
