@@ -181,7 +181,7 @@ def write(
 
 
 class _EndedError(Exception):
-    """A march ended before the last of its steps; says how."""
+    """A march ended early; the text says how."""
 
 
 def _systems(
@@ -191,13 +191,13 @@ def _systems(
     ending: list[str] = []
     if is_code(cell.problem):
         try:
-            found, ending = with_problem(
+            systems, ending = with_problem(
                 cell.problem, _collected, cell, tuple(steps), every_iteration
             )
         except ApartError as error:
             raise _EndedError(str(error)) from None
         watcher.marched(steps[-1])
-        yield from found
+        yield from systems
     else:
         yield from _observed(
             cell.problem.load(), cell, steps, every_iteration, watcher.marched, ending
@@ -223,7 +223,7 @@ def _observed(
     on_steps: Callable[[int], None],
     ending: list[str],
 ) -> Iterator[NewtonSystem]:
-    """Systems of a cell; how the march ended goes into ``ending``, if it ended early."""
+    """Systems of a cell; why the march ended early, if it did, is appended to ``ending``."""
     march: March | None = None
     try:
         with np.errstate(all="ignore"):
@@ -311,16 +311,16 @@ def _entry(name: str, cell: Cell, system: NewtonSystem) -> dict[str, Any]:
 
 
 def _comment(entry: dict[str, Any]) -> str:
-    """Comment of a matrix, for those who have it without its record."""
+    """Comment of a matrix, for readers without its record."""
 
-    def spelled(blocks: list[dict[str, Any]]) -> str:
+    def sizes(blocks: list[dict[str, Any]]) -> str:
         return " ".join(f"{block['name']}:{block['size']}" for block in blocks)
 
     keys = ("problem", "integrator", "form", "formulation", "preconditioning")
-    told = json.dumps(", ".join(str(entry[key]) for key in keys), ensure_ascii=True)
+    labels = json.dumps(", ".join(str(entry[key]) for key in keys), ensure_ascii=True)
     lines = [
-        told[1:-1][:500],  # lines of the format have at most 1024 characters
-        f"rows {spelled(entry['rows'])}; unknowns {spelled(entry['unknowns'])}",
+        labels[1:-1][:500],  # lines of the format have at most 1024 characters
+        f"rows {sizes(entry['rows'])}; unknowns {sizes(entry['unknowns'])}",
         f"h {entry['h']!r} beta {entry['beta']!r} gamma {entry['gamma']!r}",
         f"t {entry['t']!r} step {entry['step']} iteration {entry['iteration']} of "
         f"{entry['iterations']}",
@@ -330,26 +330,26 @@ def _comment(entry: dict[str, Any]) -> str:
 
 def _slug(cell: Cell, system: NewtonSystem) -> str:
     """Name of a system's folder, after its number."""
-    told = [
-        str(each.write(cell))
-        for each in axes.cell_axes()
-        if each.cell and each.series and each.name not in ("multipliers", "linear_solver")
-        and str(each.write(cell)) != each.usual
+    labels = [
+        str(axis.write(cell))
+        for axis in axes.cell_axes()
+        if axis.cell and axis.series and axis.name not in ("multipliers", "linear_solver")
+        and str(axis.write(cell)) != axis.usual
     ]  # fmt: skip
-    parts = [re.sub(r"[^A-Za-z0-9._=]+", "-", part).strip("-._")[:40] for part in told]
+    parts = [re.sub(r"[^A-Za-z0-9._=]+", "-", part).strip("-._")[:40] for part in labels]
     where = [f"h{system.h:g}", f"step{system.step}", f"iteration{system.iteration}"]
     return "-".join([*filter(None, parts), *where]).replace("+", "")
 
 
 def _matrix_market(matrix: Any, comment: str = "") -> bytes:
-    """A matrix in the shortest digits that read back to the bit."""
+    """A matrix in the shortest digits that round-trip."""
     file = io.BytesIO()
     scipy.io.mmwrite(file, matrix, comment=comment, symmetry="general")
     return file.getvalue()
 
 
 def _is_ours(entry: Path) -> bool:
-    """Whether an export may have written an entry of a folder, and nobody else anything in it."""
+    """Whether an entry of a folder comes from an export, with nothing else inside."""
     if entry.is_symlink():
         return False
     if entry.name == INDEX:
@@ -395,9 +395,9 @@ def cells_of(
             raise InputError("t_end: the study says where its marches end; choose among its steps")
         return _filtered(config.find(subject, allow_code).cells(), values)
     last = max((*choice.steps, choice.every or 0, 0 if choice.steps else _STEPS))
-    given = {name: values[name] or usual for name, usual in CHOSEN.items()}
+    choices = {name: values[name] or usual for name, usual in CHOSEN.items()}
     data = {
-        **{name: [*values] for name, values in given.items()},
+        **{name: [*values] for name, values in choices.items()},
         "study": "export",
         "problem": config.problem_named(subject, allow_code),
         "measure": "correction",
@@ -408,19 +408,18 @@ def cells_of(
 
 
 def _filtered(cells: Sequence[Cell], wanted: Mapping[str, Sequence[Any]]) -> list[Cell]:
-    """Cells of a study that were asked for."""
-    write = {each.name: each.write for each in axes.cell_axes()}
+    """Cells of a study with the wanted values."""
+    write = {axis.name: axis.write for axis in axes.cell_axes()}
     left = [*cells]
     for name, values in wanted.items():
         known = dict.fromkeys(write[name](cell) for cell in cells)
         for value in values:
-            if not any(_same(value, one) for one in known):
-                given, *names = (
-                    f"{one:g}" if isinstance(one, float) else str(one) for one in (value, *known)
+            if not any(_same(value, label) for label in known):
+                text, *names = (
+                    f"{label:g}" if isinstance(label, float) else str(label)
+                    for label in (value, *known)
                 )
-                raise InputError(
-                    f"{name}: {given!r} is not among the study's{nearest(given, names)}"
-                )
+                raise InputError(f"{name}: {text!r} is not among the study's{nearest(text, names)}")
         if values:
             left = [cell for cell in left if any(_same(v, write[name](cell)) for v in values)]
     if not left:
@@ -428,8 +427,8 @@ def _filtered(cells: Sequence[Cell], wanted: Mapping[str, Sequence[Any]]) -> lis
     return left
 
 
-def _same(given: Any, known: Any) -> bool:
-    """Whether a value of an axis was meant; a scaling of one's own goes by its name."""
+def _same(wanted: Any, known: Any) -> bool:
+    """Whether a label matches a wanted value; an own scaling matches by its name."""
     if isinstance(known, float):
-        return math.isclose(given, known, rel_tol=1e-9)
-    return bool(given == known or str(known).startswith(f"{given}["))
+        return math.isclose(wanted, known, rel_tol=1e-9)
+    return bool(wanted == known or str(known).startswith(f"{wanted}["))

@@ -46,7 +46,7 @@ def quantities(names: Iterable[str]) -> tuple[str, ...]:
     """Quantities that rows have of which the given ones of `SHOWABLE` are made."""
     rows = (kind for name in names for kind in kinds(name))
     of_rows = (RECORDS["error" if kind == WORK_PRECISION else kind].quantities for kind in rows)
-    return tuple(dict.fromkeys(quantity for several in of_rows for quantity in several))
+    return tuple(dict.fromkeys(quantity for of_kind in of_rows for quantity in of_kind))
 
 
 #: What figures draw: series against the step size, errors against work, values over time, or a
@@ -106,9 +106,9 @@ def definitions(config: Any) -> list[Definition] | None:
 
 def entries(config: Any, key: str, read: Callable[[Any], Entry]) -> list[Entry] | None:
     """Entries of a list in a config, as `read` has them; None where it has no such list."""
-    given = config.get(key) if isinstance(config, Mapping) else None
+    listed = config.get(key) if isinstance(config, Mapping) else None
     try:
-        return None if given is None else [read(entry) for entry in given]
+        return None if listed is None else [read(entry) for entry in listed]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{key}: not as written by a run: {error}") from None
 
@@ -125,12 +125,12 @@ def _definition(entry: Mapping[str, Any]) -> Definition:
 
     lines = (
         Line(
-            text("label", each),
-            text("panel", each),
-            chosen(each),
-            {key: text(key, each) for key in ("color", "marker") if each.get(key)},
+            text("label", curve),
+            text("panel", curve),
+            chosen(curve),
+            {key: text(key, curve) for key in ("color", "marker") if curve.get(key)},
         )
-        for each in entry.get("curves") or ()
+        for curve in entry.get("curves") or ()
     )
     columns, title = number("columns"), entry.get("title")
     return Definition(
@@ -155,8 +155,8 @@ def _definition(entry: Mapping[str, Any]) -> Definition:
 
 def several(entry: Mapping[str, Any], key: str, known: Iterable[str] = ()) -> tuple[str, ...]:
     """A value or several of an entry; of known ones only, where there are any."""
-    given = entry.get(key) or ()
-    values = (given,) if isinstance(given, str) else tuple(map(str, given))
+    value = entry.get(key) or ()
+    values = (value,) if isinstance(value, str) else tuple(map(str, value))
     if known and not set(values) <= set(known):
         raise KeyError(f"{key}: {', '.join(values)}")
     return values
@@ -167,9 +167,9 @@ def chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
     same = {axis.name: axis.same for axis in axes.series_axes()}
     choice = {}
     for axis in (*COMPARABLE, "initial"):
-        if (given := entry.get(axis)) is not None:
-            several = given if isinstance(given, list | tuple) else [given]
+        if (listed := entry.get(axis)) is not None:
+            several = listed if isinstance(listed, list | tuple) else [listed]
             if not all(isinstance(value, str) for value in several):
-                raise TypeError(f"{axis}: {given!r}")
+                raise TypeError(f"{axis}: {listed!r}")
             choice[axis] = tuple(map(same[axis], several))
     return choice

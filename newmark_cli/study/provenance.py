@@ -73,7 +73,7 @@ def record(
 
 
 def run(
-    study: "Study", found: Sequence[Done], jobs: int, checksums: Mapping[str, str]
+    study: "Study", ended: Sequence[Done], jobs: int, checksums: Mapping[str, str]
 ) -> dict[str, Any]:
     """Provenance of one run of a study: when, by what, where, and how long it took.
 
@@ -110,7 +110,7 @@ def run(
                     else {"march_seconds": float(f"{done.march_seconds:.4g}")}
                 ),
             }
-            for done in found
+            for done in ended
         ],
     }
 
@@ -127,7 +127,7 @@ def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
         return dict(record)
     if not all(isinstance(cell, dict) for cell in (*of_run, *of_results)):
         return dict(record)
-    cells = [{**told, **of_cell} for told, of_cell in zip(of_results, of_run, strict=True)]
+    cells = [{**result, **of_cell} for result, of_cell in zip(of_results, of_run, strict=True)]
     return {**run, **record, "cells": cells}
 
 
@@ -150,8 +150,8 @@ def source() -> Source:
     it was built; else what the installer noted (PEP 610); None where nobody knows.
     """
     package = Path(newmark_cli.__file__).parent
-    found = checkout.asked(package) or checkout.stamped(package)
-    return found or Source(commit=_installed_commit(), modified=None)
+    known = checkout.asked(package) or checkout.stamped(package)
+    return known or Source(commit=_installed_commit(), modified=None)
 
 
 def _installed_commit() -> str | None:
@@ -178,7 +178,8 @@ def blas() -> dict[str, Any]:
 
 def blas_loaded() -> str:
     """Libraries of numpy and scipy that are loaded, with their versions."""
-    return _told(" ".join(filter(None, (one["internal_api"], one["version"]))) for one in _loaded())
+    names = ((library["internal_api"], library["version"]) for library in _loaded())
+    return _listed(" ".join(filter(None, name)) for name in names)
 
 
 def blas_kernel() -> str:
@@ -187,11 +188,11 @@ def blas_kernel() -> str:
     They choose it as they are loaded, by the processor or by variables such as
     ``OPENBLAS_CORETYPE``; "unknown" where they do not tell.
     """
-    return _told(one.get("architecture") or "unknown" for one in _loaded())
+    return _listed(library.get("architecture") or "unknown" for library in _loaded())
 
 
-def _told(found: Iterable[str]) -> str:
-    return ", ".join(sorted(set(found))) or "unknown"
+def _listed(facts: Iterable[str]) -> str:
+    return ", ".join(sorted(set(facts))) or "unknown"
 
 
 @cache
@@ -200,12 +201,12 @@ def _loaded() -> list[dict[str, Any]]:
     importlib.import_module("scipy.linalg")  # brings its own
     from threadpoolctl import threadpool_info
 
-    return [one for one in threadpool_info() if one["user_api"] == "blas"]
+    return [library for library in threadpool_info() if library["user_api"] == "blas"]
 
 
 def _blas_of(build: Any) -> str | None:
-    found = build.get("Build Dependencies", {}).get("blas", {})
-    return " ".join(filter(None, (found.get("name"), found.get("version")))) or None
+    library = build.get("Build Dependencies", {}).get("blas", {})
+    return " ".join(filter(None, (library.get("name"), library.get("version")))) or None
 
 
 def processor() -> str:

@@ -67,7 +67,7 @@ def text(kind: str) -> str:
 
 
 def _laid_out(value: Any, indent: str = "", key: str = "") -> str:
-    """JSON with what fits into a line on one line."""
+    """JSON in which what fits on a line stays on one line."""
     line = indent + key + json.dumps(value, ensure_ascii=False)
     if len(line) <= _WIDTH or not isinstance(value, dict | list):
         return line

@@ -63,7 +63,9 @@ def layouts(config: Any) -> list[Layout]:
 
 
 def _layout(entry: Mapping[str, Any]) -> Layout:
-    headings = (Heading(str(each["label"]), _chosen(each)) for each in entry.get("headings") or ())
+    headings = (
+        Heading(str(heading["label"]), _chosen(heading)) for heading in entry.get("headings") or ()
+    )
     return Layout(
         drawing.several(entry, "rows", AXES),
         drawing.several(entry, "columns", AXES),
@@ -76,6 +78,6 @@ def _layout(entry: Mapping[str, Any]) -> Layout:
 
 
 def _chosen(entry: Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Axis → values of an entry, the measure among them."""
+    """Axis → values of an entry, including the measure."""
     kinds = [kind for name in drawing.several(entry, "measure") for kind in drawing.kinds(name)]
     return drawing.chosen(entry) | ({"measure": tuple(kinds)} if kinds else {})
