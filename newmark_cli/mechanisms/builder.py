@@ -104,9 +104,9 @@ class Builder(ABC):
         self.loads: Array
         self.prepare()
         for key in self.parts:
-            for part, one in getattr(mechanism, key).items():
+            for part, data in getattr(mechanism, key).items():
                 with self.checked(ALIASES.get(key, key), part):
-                    getattr(self, f"_{key}")(one, (key, part))
+                    getattr(self, f"_{key}")(data, (key, part))
         self.mistakes.refuse()
         self.weigh()
         loaded = np.flatnonzero(np.any(self.loads != 0, axis=1))
@@ -137,9 +137,9 @@ class Builder(ABC):
     def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
         """Fields of a problem with some of the rows that name or draw what it is."""
 
-    @abstractmethod
     def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
         """The problem, with what was found of its start."""
+        return problem
 
     @abstractmethod
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
@@ -229,8 +229,8 @@ class Builder(ABC):
         """Raise DocumentError where two points start at another distance than their length."""
         # In so many digits that the misfit shows.
         digits = 12 if abs(misfit) > 1e-9 * length else 16
-        given = f"{length + misfit:.{digits}g} m apart, given length {length:.16g}"
-        self.require(misfit, MISFIT * length, path, f"{what} start {given}")
+        distances = f"{length + misfit:.{digits}g} m apart, given length {length:.16g}"
+        self.require(misfit, MISFIT * length, path, f"{what} start {distances}")
 
     # -- rows and elements ---------------------------------------------------------------------
 

@@ -40,7 +40,7 @@ from newmark_cli.mechanisms.models import (
     driven,
 )
 from newmark_cli.problems.algebra import product
-from newmark_cli.problems.problem import Problem, Push
+from newmark_cli.problems.problem import Push
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import KeyPath
 
@@ -53,12 +53,12 @@ Angles = tuple[tuple[int, float], ...]
 Weights = Mapping[str, complex]
 
 
-def _minus(one: Weights, other: Weights) -> dict[str, complex]:
+def _minus(first: Weights, second: Weights) -> dict[str, complex]:
     """Weights of the difference of two combinations."""
     return {
         name: weight
-        for name in dict.fromkeys((*other, *one))
-        if (weight := one.get(name, 0) - other.get(name, 0)) != 0
+        for name in dict.fromkeys((*second, *first))
+        if (weight := first.get(name, 0) - second.get(name, 0)) != 0
     }
 
 
@@ -119,10 +119,6 @@ class Builder(builder.Builder):
             "coordinates_given": tuple(self.turning),
         }
 
-    def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
-        """The problem itself."""
-        return problem
-
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
         """Points that move without inertia, as words of errors."""
         sizes = np.abs(motions).max(axis=1)
@@ -134,13 +130,13 @@ class Builder(builder.Builder):
     # -- vectors ---------------------------------------------------------------------------------
 
     def body(self, name: str, path: KeyPath) -> Body:
-        found: Body = self.known("bodies", name, path)
-        return found
+        body: Body = self.known("bodies", name, path)
+        return body
 
     def site(self, name: str, path: KeyPath) -> Weights:
         """A point as Σ (a + bR) P over others."""
-        found: Weights = self.known("points", name, path, self.sites)
-        return found
+        site: Weights = self.known("points", name, path, self.sites)
+        return site
 
     def difference(
         self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
@@ -199,11 +195,11 @@ class Builder(builder.Builder):
 
     def angle(self, body: str, path: KeyPath) -> int:
         """Place in u of the angle of a body, which becomes a coordinate."""
-        found = self.body(body, path)
+        part = self.body(body, path)
         name = f"{body}.angle"
         if name in self.turning:
             return self.turning[name]
-        difference = self.difference(found.from_, found.to, path)
+        difference = self.difference(part.from_, part.to, path)
         return self.angle_of(difference, ("bodies", body, "angle"), name)
 
     def angle_of(self, difference: Weights, path: KeyPath, name: str) -> int:
@@ -264,10 +260,10 @@ class Builder(builder.Builder):
         parameters = (first - offset, *others)
         self.add("PRODUCT", row=self.one_row(path), single=single, parameters=parameters, law=law)
 
-    def angular(self, kind: str, difference: Weights, path: KeyPath, **given: Any) -> None:
+    def angular(self, kind: str, difference: Weights, path: KeyPath, **arguments: Any) -> None:
         """Add the constraint n·Δ = 0, n = (−sin θ, cos θ)."""
         sums = Sum([0.0, 1.0], ()), self.combination(difference), Sum([1.0, 0.0], ())
-        self.add(kind, *sums, row=self.one_row(path), **given)
+        self.add(kind, *sums, row=self.one_row(path), **arguments)
 
     def pair(
         self, along: Weights, away: Weights, angles: Angles, constraint: KeyPath,
@@ -325,7 +321,7 @@ class Builder(builder.Builder):
         self._add_mass(body.to, body.to, complex(about_first))
 
     def _add_mass(self, row: str, column: str, weight: complex) -> None:
-        """Add the 2×2 block a + bR of M, and its share of the weight of the mechanism."""
+        """Add the 2×2 block a + bR to M, and its weight to the loads."""
         if row not in self.moving or weight == 0:
             return
         i = self.moving[row]
@@ -441,9 +437,9 @@ class Builder(builder.Builder):
     def _forces(self, force: Force, path: KeyPath) -> None:
         """A force F(t) at a point."""
         site = self.combination(self.moving_site(force.at, (*path, "at")))
-        for given, normal in zip(force.force, ((1.0, 0.0), (0.0, 1.0)), strict=True):
-            if given != 0:
-                law = given if isinstance(given, Law) else Law(value=given)
+        for amount, normal in zip(force.force, ((1.0, 0.0), (0.0, 1.0)), strict=True):
+            if amount != 0:
+                law = amount if isinstance(amount, Law) else Law(value=amount)
                 six = law.parameters()
                 timed = (laws.Timed(law, six),)
                 self.add("FORCE", site, parameters=(*normal, *six), timed=timed)
@@ -502,12 +498,12 @@ class Builder(builder.Builder):
         centre_path = (*path, "wheel" if rolling.centre is None else "centre")
         contact, no_slip, radius = (*path, "contact"), (*path, "rolling"), rolling.radius
 
-        def require(distance: float, asked: float, size: float) -> None:
+        def require(distance: float, required: float, size: float) -> None:
             message = (
                 f"{rolling.wheel} starts with its centre {distance:.12g} m away, its radius asks "
-                f"for {asked:.12g} m"
+                f"for {required:.12g} m"
             )
-            self.require(distance - asked, MISFIT * max(size, asked), path, message)
+            self.require(distance - required, MISFIT * max(size, required), path, message)
 
         if (line := rolling.line) is not None:
             along, away = self._on_line(centre, line, (*path, "line"), centre_path)
@@ -539,7 +535,7 @@ class Builder(builder.Builder):
         self.pair({}, {}, tuple(angles), no_slip, (self.sum_of(tuple(angles)),))
 
     def _python_forces(self, force: PythonForce, path: KeyPath) -> None:
-        """Keep forces F(P, P', t) for what adds them to the problem."""
+        """Keep forces F(P, P', t) to be added to the problem later."""
         sites = []
         for place, point in enumerate(force.on):
             with self.checked():

@@ -187,16 +187,16 @@ class Builder(builder.Builder):
         Raises:
             DocumentError: When a joint has no such rate.
         """
-        for name, given in self.mechanism.rates.items():
+        for name, value in self.mechanism.rates.items():
             path: KeyPath = ("rates", name)
             joint = self.joint(name, path)
             kind = JOINTS[joint.kind]
             has = ["angle"] * kind.turns + ["distance"] * kind.slides
-            wanted = dict.fromkeys(has, given) if isinstance(given, float) else given.rates
+            wanted = dict.fromkeys(has, value) if isinstance(value, float) else value.rates
             if not has or not set(wanted) <= set(has):
                 what = " and ".join(has) or "no single rate"
                 raise self.document.error(path, f"a {joint.kind} joint has {what}")
-            if isinstance(given, float) and len(has) > 1:
+            if isinstance(value, float) and len(has) > 1:
                 raise self.document.error(
                     path, f"a {joint.kind} joint has two rates; give {{angle: …, distance: …}}"
                 )
@@ -233,13 +233,13 @@ class Builder(builder.Builder):
 
     def joint(self, name: str, path: KeyPath) -> Connection:
         """A joint, which was built."""
-        found: Connection = self.known("joints", name, path, self.made)
-        return found
+        joint: Connection = self.known("joints", name, path, self.made)
+        return joint
 
     def site(self, name: str, path: KeyPath) -> Side:
         """A point."""
-        found: Side = self.known("points", name, path, self.sites)
-        return found
+        side: Side = self.known("points", name, path, self.sites)
+        return side
 
     def of_body(self, name: str, path: KeyPath) -> Side:
         """A point of a body, or the origin of one."""
@@ -252,16 +252,16 @@ class Builder(builder.Builder):
 
     def between(self, start: str, end: str, path: KeyPath) -> Sum:
         """The vector from one point to another, which it moves relative to."""
-        one, other = self.both(self.site, start, end, path)
-        if one.body == other.body:
+        first, second = self.both(self.site, start, end, path)
+        if first.body == second.body:
             message = f"joins {start} and {end}, which cannot move relative to each other"
             raise self.document.error(path, message)
-        apart = np.linalg.norm(self._place(other) - self._place(one))
+        apart = np.linalg.norm(self._place(second) - self._place(first))
         if not self.mechanism.assemble and apart <= MISFIT * self.size:
             raise self.document.error(
                 path, f"{start} and {end} start in one place: their line has no direction"
             )
-        return _minus(_site(other), _site(one))
+        return _minus(_site(second), _site(first))
 
     # -- geometry at the start -----------------------------------------------------------------
 
@@ -269,15 +269,15 @@ class Builder(builder.Builder):
         return side.place(self.start)
 
     def _turned(self, body: int, vector: Array) -> Array:
-        """(3,) a vector of a body in global axes."""
+        """(3,) a body vector in global axes."""
         return vector if body < 0 else inner(vector, self.start[body, 1:].T)
 
     def _seen(self, body: int, vector: Array) -> Array:
-        """(3,) a global vector in the axes of a body."""
+        """(3,) a global vector in body axes."""
         return vector if body < 0 else inner(self.start[body, 1:], vector)
 
     def _at(self, body: int, place: Array) -> Array:
-        """(3,) body coordinates of a global place."""
+        """(3,) a global place in body coordinates."""
         return place if body < 0 else self._seen(body, place - self.start[body, 0])
 
     # -- joints --------------------------------------------------------------------------------
@@ -304,7 +304,7 @@ class Builder(builder.Builder):
             self.add("SQUARE", between, row=row, parameters=(length * length,))
 
     def _sides(self, joint: Joint, path: KeyPath) -> tuple[Side, Side]:
-        """Frames of a joint on both of its bodies."""
+        """Frames of a joint on both bodies."""
         kind, names = JOINTS[joint.type], (joint.from_, joint.to)
         numbers = self.both(self.body_or_ground, *names, path)
         points = [
@@ -327,7 +327,7 @@ class Builder(builder.Builder):
         return first, second
 
     def _joined(self, joint: Joint, a: Side, b: Side, path: KeyPath) -> float:
-        """Length that a joint keeps, if any; its points must start where it asks for."""
+        """Length that a joint keeps, or 0; requires its points to start where they should."""
         kind = JOINTS[joint.type]
         if not (kind.length or isinstance(joint.at, dict)):
             return 0.0
@@ -348,10 +348,10 @@ class Builder(builder.Builder):
     def _about(
         self, joint: Joint, first: int, second: int, path: KeyPath
     ) -> list[dict[str, Array]]:
-        """n, p and q of both bodies."""
-        given = joint.axis
-        if isinstance(given, dict):
-            in_first, in_second = unit(given[joint.from_]), unit(given[joint.to])
+        """Vectors n, p and q on both bodies."""
+        declared = joint.axis
+        if isinstance(declared, dict):
+            in_first, in_second = unit(declared[joint.from_]), unit(declared[joint.to])
             axis, other = self._turned(first, in_first), self._turned(second, in_second)
             degrees = _degrees(axis, other)
             askew = float(np.linalg.norm(np.cross(axis, other))) if axis @ other >= 0 else 1.0
@@ -359,7 +359,7 @@ class Builder(builder.Builder):
                 message = f"its axes on {joint.from_} and {joint.to} start {degrees:.3g}° apart"
                 self.require(askew, _ASKEW, (*path, "axis"), message, "them")
         else:
-            axis = other = unit(given)
+            axis = other = unit(declared)
             in_first, in_second = self._seen(first, axis), self._seen(second, axis)
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         across /= norm(across)
@@ -377,20 +377,20 @@ class Builder(builder.Builder):
         self, joint: Joint, first: int, second: int, path: KeyPath
     ) -> list[dict[str, Array]]:
         """Axes of a universal joint."""
-        given = joint.axes
-        if isinstance(given, dict):
-            in_first, in_second = unit(given[joint.from_]), unit(given[joint.to])
+        axes = joint.axes
+        if isinstance(axes, dict):
+            in_first, in_second = unit(axes[joint.from_]), unit(axes[joint.to])
             a, b = self._turned(first, in_first), self._turned(second, in_second)
             if not self.mechanism.assemble and abs(a @ b) > _ASKEW:
                 message = f"must be perpendicular at the start, the cosine is {a @ b:.3g}"
                 raise self.document.error((*path, "axes"), message)
             return [{"a": in_first}, {"b": in_second}]
-        assert given is not None
-        a = unit(given[0])
-        b = unit(np.asarray(given[1]) - product(a, given[1]) * a)
+        assert axes is not None
+        a = unit(axes[0])
+        b = unit(np.asarray(axes[1]) - product(a, axes[1]) * a)
         return [{"a": self._seen(first, a)}, {"b": self._seen(second, b)}]
 
-    def _turning(self, kind: str, joint: Connection, **given: Any) -> None:
+    def _turning(self, kind: str, joint: Connection, **arguments: Any) -> None:
         """An element about the axis of a joint: Q and P of its first body, K of the other."""
         a, b = joint.sides
         q, p, other = _direction(a, "q"), _direction(a, "p"), _direction(b, "p")
@@ -398,7 +398,7 @@ class Builder(builder.Builder):
         of_p: dict[int, float] = dict(p.terms)
         places = sorted(of_q.keys() | of_p.keys())
         first = [(place, of_q.get(place, 0.0), of_p.get(place, 0.0)) for place in places]
-        self.add(kind, Sum(q.constant, first), other, Sum(p.constant, ()), **given)
+        self.add(kind, Sum(q.constant, first), other, Sum(p.constant, ()), **arguments)
 
     def _hinge(
         self, name: str, parameters: Sequence[float], path: KeyPath,
@@ -412,7 +412,7 @@ class Builder(builder.Builder):
         self._turning("HINGE", joint, parameters=parameters, timed=timed)
 
     def _rate_gradient(self, joint: Connection, key: str, bodies: Array) -> Array:
-        """(n,) of the angle or the distance of a joint, at origins and directors (b, 4, 3)."""
+        """(n,) gradient of a joint's angle or distance, at origins and directors (b, 4, 3)."""
         gradient = np.zeros(PER_BODY * len(self.numbers))
 
         def push(terms: Sequence[Term], vector: Array) -> None:
@@ -456,7 +456,7 @@ class Builder(builder.Builder):
 
     def _drive(self, name: str, key: str, law: Law, path: KeyPath) -> None:
         joint, turns = self.joint(name, (*path, "joint")), key == "angle"
-        able = [kind for kind, one in JOINTS.items() if (one.turns if turns else one.slides)]
+        able = [kind for kind, about in JOINTS.items() if (about.turns if turns else about.slides)]
         path = (*path, key)
         if joint.kind not in able:
             message = f"a {joint.kind} joint has none; one of {', '.join(able)} has"
@@ -569,11 +569,11 @@ def _direction(side: Side, name: str) -> Sum:
 
 
 def _weighed(body: int, vector: Array) -> list[Term]:
-    """A combination of the directors of a body."""
+    """A vector as a combination of the directors of a body."""
     first = PER_BODY * body + 3
     return [(first + 3 * i, weight) for i, weight in enumerate(vector.tolist()) if weight]
 
 
-def _minus(one: Sum, other: Sum) -> Sum:
-    reversed_ = [(place, -weight) for place, weight in other.terms]
-    return Sum(np.subtract(one.constant, other.constant), [*one.terms, *reversed_])
+def _minus(first: Sum, second: Sum) -> Sum:
+    reversed_ = [(place, -weight) for place, weight in second.terms]
+    return Sum(np.subtract(first.constant, second.constant), [*first.terms, *reversed_])
