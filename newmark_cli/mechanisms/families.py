@@ -129,8 +129,8 @@ _Hanging = tuple[Sequence[float], Sequence[float], Sequence[float]]
 
 
 def _straight(links: int) -> _Hanging:
-    whole = range(1, links + 1)
-    return [0.8 * i for i in whole], [-0.6 * i for i in whole], [1.0] * links
+    places = range(1, links + 1)
+    return [0.8 * i for i in places], [-0.6 * i for i in places], [1.0] * links
 
 
 def _random(links: int) -> _Hanging:

@@ -64,7 +64,7 @@ def _andrews(t: float) -> Reference | None:
     """
     if not math.isclose(t, _ANDREWS_TIME, rel_tol=1e-12):
         return None
-    beta, theta, delta, epsilon = (np.array(given) for given in _ANDREWS_ANGLES)
+    beta, theta, delta, epsilon = (np.array(pair) for pair in _ANDREWS_ANGLES)
     crank = _turned(0.007, 0.0, beta)
     points = np.array(
         [

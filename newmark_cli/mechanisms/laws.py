@@ -36,17 +36,17 @@ class Term(NamedTuple):
 
 def terms(law: Law) -> list[Term]:
     """The terms of a law besides its six parameters."""
-    found = []
+    further = []
     if law.powers:
-        found.append(Term(POWERS, len(law.powers), False, list(law.powers)))
-    found += [
+        further.append(Term(POWERS, len(law.powers), False, list(law.powers)))
+    further += [
         Term(SINE, 1, False, [sine.amplitude, sine.frequency, sine.phase]) for sine in law.sines
     ]
     if law.table is not None:
         times, intervals = law.table.times, _intervals(law.table)
         numbers = [times[0], times[-1], *(number for row in intervals for number in row)]
-        found.append(Term(SPLINE, len(intervals), law.table.ends == "periodic", numbers))
-    return found
+        further.append(Term(SPLINE, len(intervals), law.table.ends == "periodic", numbers))
+    return further
 
 
 def _intervals(table: Table) -> list[list[float]]:
@@ -105,12 +105,12 @@ def chunks(laws: Sequence[tuple[int, Timed]]) -> Iterator[tuple[list[int], Seque
     Args:
         laws: Place in ``reals`` of what a law acts on, and the law.
     """
-    if all(one.target is None and not terms(one.law) for _, one in laws):
+    if all(timed.target is None and not terms(timed.law) for _, timed in laws):
         return
-    for target, one in laws:
-        further = terms(one.law)
-        drives = int(one.target is None)
-        yield [LAW, target, drives, int(bool(further))], [*one.parameters, one.weight]
+    for target, timed in laws:
+        further = terms(timed.law)
+        drives = int(timed.target is None)
+        yield [LAW, target, drives, int(bool(further))], [*timed.parameters, timed.weight]
         for number, term in enumerate(further, 1):
             another = int(number < len(further))
             yield [LAW_TERM, term.what, term.size, int(term.repeats), another], term.numbers

@@ -27,9 +27,9 @@ OF_MECHANISMS = ("points", "bodies", "dimensions")
 _OF_STUDIES = ("study", "cases", "problem", "h", "measure")
 
 
-def load(path: Path, name: str, spelled: str | None = None, allow_code: bool = False) -> Problem:
+def load(path: Path, name: str, shown_as: str | None = None, allow_code: bool = False) -> Problem:
     """Problem from a mechanism file as it is now; errors name it as it is spelled."""
-    return loaded(documents.fetch(path, spelled), name, path.parent if allow_code else None)
+    return loaded(documents.fetch(path, shown_as), name, path.parent if allow_code else None)
 
 
 def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
@@ -46,8 +46,8 @@ def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
         assert folder is not None
         return python_forces.pushed(problem, pushes, folder, os.path.dirname(file.name))
 
-    found = built(name, file.document(), None if folder is None else code)
-    return replace(found, sources={Path(file.name).name: file.content, **found.sources})
+    problem = built(name, file.document(), None if folder is None else code)
+    return replace(problem, sources={Path(file.name).name: file.content, **problem.sources})
 
 
 def label(file: str | Path) -> str:
@@ -70,13 +70,13 @@ def built(name: str, document: Document, code: Code | None = None) -> Problem:
     if isinstance(document.data, dict):
         if not is_mechanism(document.data) and not document.data.keys().isdisjoint(_OF_STUDIES):
             raise document.error((), "is a study, not a mechanism; give the study's problem")
-        given = document.data.get("dimensions", 2)
-        if isinstance(given, bool) or given not in (2, 3):
-            raise document.error(("dimensions",), f"must be 2 or 3, given {given!r:.40}")
+        dimensions = document.data.get("dimensions", 2)
+        if isinstance(dimensions, bool) or dimensions not in (2, 3):
+            raise document.error(("dimensions",), f"must be 2 or 3, given {dimensions!r:.40}")
     from newmark_cli.mechanisms import sizes
 
-    found = _built(name, document, code)
-    return replace(found, doubts=sizes.doubts(found, document))
+    problem = _built(name, document, code)
+    return replace(problem, doubts=sizes.doubts(problem, document))
 
 
 def _built(name: str, document: Document, code: Code | None) -> Problem:
@@ -159,9 +159,9 @@ def _builder(data: Any) -> "type[Builder]":
 def made(name: str, data: dict[str, Any]) -> Problem:
     """Problem from data that are known to be those of a mechanism, whose start is consistent."""
     kind = _builder(data)
-    found = kind(name, Document(name, {}, {}), kind.model.model_validate(data))
-    problem = found.problem()
-    return found.completed(problem, frozenset(), problem.n - problem.m)
+    builder = kind(name, Document(name, {}, {}), kind.model.model_validate(data))
+    problem = builder.problem()
+    return builder.completed(problem, frozenset(), problem.n - problem.m)
 
 
 def is_mechanism(data: Any) -> bool:
@@ -184,15 +184,15 @@ def assembled(problem: Problem) -> list[str]:
         away = np.linalg.norm(vectors[:, 1:] - directors(mechanism.bodies.values()), axis=(1, 2))
         for body, apart in zip(mechanism.bodies, away.tolist(), strict=True):
             turned[body] = 2 * math.degrees(math.asin(min(apart / math.sqrt(8), 1.0)))
-    told = []
+    parts = []
     for by, least, text in (
         (moved, 1e-12, "{}, the farthest, is {:.3g} m from its guess"),
         (turned, 1e-6, "{} has turned most, by {:.3g}°"),
     ):
         most = max(by, key=by.__getitem__, default="")
         if most and by[most] >= least:
-            told.append(text.format(most, by[most]))
-    return [f"  assembled: {'; '.join(told) or 'nothing moved'}"]
+            parts.append(text.format(most, by[most]))
+    return [f"  assembled: {'; '.join(parts) or 'nothing moved'}"]
 
 
 def is_spatial(data: Any) -> bool:

@@ -173,9 +173,9 @@ class Table(StrictModel):
             raise misfit(
                 "values", f"must be one for each of {len(times)} times, given {len(values)}"
             )
-        for one, after in pairwise(times):
-            if after <= one:
-                raise misfit("times", f"must increase: {after:g} follows {one:g}")
+        for before, after in pairwise(times):
+            if after <= before:
+                raise misfit("times", f"must increase: {after:g} follows {before:g}")
         if times[0] > 0:
             raise misfit("times", f"must begin at 0 or before, given {times[0]:g}")
         if times[-1] <= 0:
@@ -236,8 +236,8 @@ class Law(StrictModel):
         if value is None:
             start = self.amplitude * math.sin(self.phase)
             start += sum(sine.amplitude * math.sin(sine.phase) for sine in self.sines)
-            asked = initially is not None and not (self.powers or self.table)
-            value = (initially or 0.0) - start if asked else 0.0
+            determined = initially is not None and not (self.powers or self.table)
+            value = (initially or 0.0) - start if determined else 0.0
         return (value, self.rate, self.acceleration, self.amplitude, self.frequency, self.phase)
 
 
@@ -272,7 +272,7 @@ def size_of(amount: "float | Law") -> float:
 
 def laws_of(amounts: Sequence["float | Law"]) -> dict[int, Law]:
     """Those of several numbers that are laws of time, by their places."""
-    return {place: one for place, one in enumerate(amounts) if isinstance(one, Law)}
+    return {place: amount for place, amount in enumerate(amounts) if isinstance(amount, Law)}
 
 
 def driven(motion: Any) -> dict[str, Law]:

@@ -25,10 +25,10 @@ PROBLEMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
 @cache
 def digest() -> str:
     """Hexadecimal digest of the files of the shipped problems."""
-    found = hashlib.sha256()
+    sha256 = hashlib.sha256()
     for name in PROBLEMS:
-        found.update(name.encode() + b"\0" + file(name).read_bytes())
-    return found.hexdigest()
+        sha256.update(name.encode() + b"\0" + file(name).read_bytes())
+    return sha256.hexdigest()
 
 
 def file(name: str) -> Path:
@@ -66,8 +66,8 @@ def is_spatial(name: str) -> bool:
     """Whether there is a shipped mechanism in space of this name; nothing is built."""
     from newmark_cli.support import documents
 
-    found = documents.read(file(name)).data if name in PROBLEMS else {}
-    return found.get("dimensions") == 3
+    data = documents.read(file(name)).data if name in PROBLEMS else {}
+    return data.get("dimensions") == 3
 
 
 def picture(name: str) -> Picture:
@@ -109,7 +109,7 @@ def size(data: Mapping[str, Any]) -> tuple[int, int]:
     from newmark_cli.mechanisms.joints import JOINTS
 
     def all_of(*kinds: str) -> list[Any]:
-        return [one for kind in kinds for one in data.get(kind, {}).values()]
+        return [part for kind in kinds for part in data.get(kind, {}).values()]
 
     bodies = len(all_of("bodies"))
     rows = len(all_of("bars", "sliders", "angle_joints", "gears")) + 2 * len(all_of("rolling"))

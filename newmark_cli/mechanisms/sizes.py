@@ -78,9 +78,9 @@ def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
         for part, of in lengths.items()
     }
     parts = list(by_part.values())
-    found: list[str] = []
+    lines: list[str] = []
     if mechanism.assemble:
-        found += _moved(guess(problem, mechanism), mechanism, parts, document)
+        lines += _moved(guess(problem, mechanism), mechanism, parts, document)
     masses = [
         _Size((kind, name, "mass"), part.mass)
         for kind in ("points", "bodies", "body_points")
@@ -92,8 +92,8 @@ def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
         ("masses", "kg", _odd(masses, [size.value for size in masses])),
         ("inertias", "kg m²", _odd_inertias(mechanism, by_part)),
     ):
-        found += _told(document, kind, unit, odd)
-    return tuple(found)
+        lines += _lines(document, kind, unit, odd)
+    return tuple(lines)
 
 
 class _Size(NamedTuple):
@@ -113,7 +113,7 @@ class _Size(NamedTuple):
 
 
 class _Odd(NamedTuple):
-    """A size that stands out, and the least and largest of the others."""
+    """An outlier, with the least and largest of the other sizes."""
 
     size: _Size
     low: float
@@ -130,16 +130,16 @@ _Owned = tuple[KeyPath, _Size]
 
 
 def _lengths(mechanism: Any) -> dict[KeyPath, list[_Size]]:
-    """Positive lengths by part, those of places on bodies among the bodies'."""
-    found: defaultdict[KeyPath, list[_Size]] = defaultdict(list)
+    """Positive lengths by part; places on bodies count as the bodies'."""
+    by_part: defaultdict[KeyPath, list[_Size]] = defaultdict(list)
     if mechanism.dimensions == 2:
         of_parts = chain(_planar_lengths(mechanism), _places(mechanism, "first point"))
     else:
         of_parts = chain(_spatial_lengths(mechanism), _places(mechanism, "origin"))
     for part, size in of_parts:
         if size.value > 0:
-            found[part].append(size)
-    return found
+            by_part[part].append(size)
+    return by_part
 
 
 def _place(body: str, path: KeyPath, away: Sequence[float], origin: str = "origin") -> _Owned:
@@ -187,7 +187,7 @@ def _spatial_lengths(mechanism: "SpatialMechanism") -> Iterator[_Owned]:
 
 
 def _others(values: Sequence[float]) -> tuple[float, float]:
-    """Least and largest of the median and what leads to it in steps of at most the factor."""
+    """Range around the median reached in steps of at most the factor."""
     values = sorted(values)
     first = last = (len(values) - 1) // 2
     while first > 0 and values[first] <= _FACTOR * values[first - 1]:
@@ -198,7 +198,7 @@ def _others(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _odd(sizes: Sequence[_Size], parts: Sequence[float]) -> dict[KeyPath, _Odd]:
-    """Sizes of one kind that stand out among one of each part, by path."""
+    """Outliers among sizes of one kind, by path; ``parts`` has one size for each part."""
     if not parts:
         return {}
     low, high = _others(parts)
@@ -210,7 +210,7 @@ def _odd(sizes: Sequence[_Size], parts: Sequence[float]) -> dict[KeyPath, _Odd]:
 
 
 def _odd_inertias(mechanism: Any, lengths: Mapping[KeyPath, float]) -> dict[KeyPath, _Odd]:
-    """Inertias that stand out by themselves, for a mass, and for a mass and the part's length."""
+    """Inertias that are outliers also for their mass, and for their mass and length."""
     plain, by_mass, by_size = [], [], []
     for name, body in mechanism.bodies.items():
         inertia = body.inertia
@@ -229,22 +229,24 @@ def _odd_inertias(mechanism: Any, lengths: Mapping[KeyPath, float]) -> dict[KeyP
         known = {size.path for size in sizes}
         too = _odd(sizes, [size.value for size in sizes])
         odd = {
-            path: one
-            for path, one in odd.items()
-            if path not in known or (path in too and too[path].large == one.large)
+            path: entry
+            for path, entry in odd.items()
+            if path not in known or (path in too and too[path].large == entry.large)
         }
     return odd
 
 
-def _told(document: Document, kind: str, unit: str, odd: dict[KeyPath, _Odd]) -> Iterator[str]:
-    """A line on the first size that is too large, and on the first that is too small."""
+def _lines(document: Document, kind: str, unit: str, odd: dict[KeyPath, _Odd]) -> Iterator[str]:
+    """A line on the first size that is too large, and the first that is too small."""
     for large, than in ((True, "more than {:g} times"), (False, "less than 1/{:g} of")):
-        those = [one for one in odd.values() if one.large == large]
-        if not those:
+        alike = [entry for entry in odd.values() if entry.large == large]
+        if not alike:
             continue
-        (path, value, _, of), low, high = min(those, key=lambda one: document.line(one.size.path))
+        (path, value, _, of), low, high = min(
+            alike, key=lambda entry: document.line(entry.size.path)
+        )
         others = f"{low:.4g} {unit}" if low == high else f"{low:.4g} to {high:.4g} {unit}"
-        more = f" (and {len(those) - 1} more like it)" if len(those) > 1 else ""
+        more = f" (and {len(alike) - 1} more like it)" if len(alike) > 1 else ""
         text = f"{value:.6g} {unit}{of} is {than.format(_FACTOR)} the other {kind}, {others}{more}"
         yield str(document.error(path, text))
 

@@ -107,15 +107,15 @@ class Scene:
     def ends(self, name: str) -> list[complex]:
         """Points that a body of the plane joins, or where joints and points of one in space are."""
         body = self.mechanism.bodies[name]
-        found = [self.points[p] for p, of in self.mechanism.body_points.items() if of.on == name]
+        points = [self.points[p] for p, of in self.mechanism.body_points.items() if of.on == name]
         if not hasattr(self.mechanism, "joints"):
-            return [self.points[body.from_], self.points[body.to], *found]
+            return [self.points[body.from_], self.points[body.to], *points]
         return [
             end
             for key, joint in self.mechanism.joints.items()
             for end, of in zip(self.joints[key], (joint.from_, joint.to), strict=True)
             if of == name
-        ] + found
+        ] + points
 
     def centre(self, name: str) -> complex:
         """Mass centre of a body."""
@@ -124,11 +124,11 @@ class Scene:
     @property
     def places(self) -> list[complex]:
         """All that a drawing must have room for."""
-        found = [*self.points.values(), *itertools.chain(*self.joints.values())]
+        places = [*self.points.values(), *itertools.chain(*self.joints.values())]
         if hasattr(self.mechanism, "joints"):
             for name, body in self.mechanism.bodies.items():
-                found += [self.centre(name), *(self.corners(name) if body.box else ())]
-        return found
+                places += [self.centre(name), *(self.corners(name) if body.box else ())]
+        return places
 
 
 def is_spatial(problem: Drawable) -> bool:
@@ -139,12 +139,12 @@ def is_spatial(problem: Drawable) -> bool:
 def view(gravity: Sequence[float]) -> Array:
     """(3,) complex: a vector of three components times it is its place on the paper."""
     up = int(np.argmax(np.abs(gravity))) if np.any(gravity) else 2
-    found = np.zeros(3, complex)
+    paper = np.zeros(3, complex)
     side, depth = (up + 1) % 3, (up + 2) % 3
-    found[side] = complex(-math.sin(_AZIMUTH), -math.sin(_ELEVATION) * math.cos(_AZIMUTH))
-    found[depth] = complex(math.cos(_AZIMUTH), -math.sin(_ELEVATION) * math.sin(_AZIMUTH))
-    found[up] = 1j * math.cos(_ELEVATION)
-    return found
+    paper[side] = complex(-math.sin(_AZIMUTH), -math.sin(_ELEVATION) * math.cos(_AZIMUTH))
+    paper[depth] = complex(math.cos(_AZIMUTH), -math.sin(_ELEVATION) * math.sin(_AZIMUTH))
+    paper[up] = 1j * math.cos(_ELEVATION)
+    return paper
 
 
 def scene(problem: Drawable, u: Array, factor: float = 1.0) -> Scene:
@@ -152,8 +152,8 @@ def scene(problem: Drawable, u: Array, factor: float = 1.0) -> Scene:
     start = _scene(problem, problem.u0, factor)
     spots = np.array(start.places)
     size = float(max(np.ptp(spots.real), np.ptp(spots.imag))) or 1.0
-    found = _scene(problem, u, factor)
-    return Scene(**{**vars(found), "size": size, "start": Scene(**{**vars(start), "size": size})})
+    here = _scene(problem, u, factor)
+    return Scene(**{**vars(here), "size": size, "start": Scene(**{**vars(start), "size": size})})
 
 
 def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
@@ -187,16 +187,16 @@ def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
         for name, body in mechanism.bodies.items():
             along = (points[body.to] - points[body.from_]) / body.length
             frames[name] = np.array([points[body.from_], along, 1j * along])
-    found = Scene(mechanism, frames, points, joints, axes, factor)
-    points |= {name: found.placed(at.on, at.at) for name, at in mechanism.body_points.items()}
-    return found
+    drawn = Scene(mechanism, frames, points, joints, axes, factor)
+    points |= {name: drawn.placed(at.on, at.at) for name, at in mechanism.body_points.items()}
+    return drawn
 
 
 def marks(scene: Scene) -> Iterator[Mark]:
     """All that is seen of a mechanism."""
     for key, sketch in SKETCHES.items():
-        for name, one in getattr(scene.mechanism, key, {}).items():
-            yield from sketch(scene, name, one)
+        for name, part in getattr(scene.mechanism, key, {}).items():
+            yield from sketch(scene, name, part)
 
 
 # -- bodies, points, joints ---------------------------------------------------------------------
@@ -323,7 +323,7 @@ def _damper(scene: Scene, name: str, damper: Any) -> Iterator[Mark]:
     if abs(end - start) <= 1e-6 * scene.size:
         return
     along = 0.02 * scene.size * (end - start) / abs(end - start)
-    springs = ({one.from_, one.to} for one in scene.mechanism.springs.values())
+    springs = ({spring.from_, spring.to} for spring in scene.mechanism.springs.values())
     aside = 2.25j * along if {damper.from_, damper.to} in springs else 0
     middle, across = (start + end) / 2, 1j * along
     cup = (-0.5 * along - across, 1.5 * along - across, 1.5 * along + across, -0.5 * along + across)

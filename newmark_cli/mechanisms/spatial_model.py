@@ -179,10 +179,10 @@ class Body(StrictModel):
 
 def directors(bodies: Iterable[Body]) -> Array:
     """(b, 3, 3) directors of bodies at the start, one a row."""
-    given = [
+    axes = [
         ((1, 0, 0), (0, 1, 0)) if (of := body.axes) is None else (of.x, of.y) for body in bodies
     ]
-    first, second = np.array(given, float).transpose(1, 0, 2)
+    first, second = np.array(axes, float).transpose(1, 0, 2)
     x = unit(first)
     y = unit(second - inner(x, second)[:, None] * x)
     (a, b, c), (d, e, f) = x.T, y.T
@@ -196,13 +196,13 @@ def inertias(bodies: Iterable[Body]) -> Array:
         np.array([getattr(body, key) for body in bodies], float)
         for key in ("mass", "centre", "tensor")
     )
-    found = np.empty((len(bodies), 4, 4))
-    found[:, 0, 0] = mass
-    found[:, 0, 1:] = found[:, 1:, 0] = mass[:, None] * centre
+    blocks = np.empty((len(bodies), 4, 4))
+    blocks[:, 0, 0] = mass
+    blocks[:, 0, 1:] = blocks[:, 1:, 0] = mass[:, None] * centre
     half = np.trace(tensor, axis1=1, axis2=2) / 2
     squares = centre[:, :, None] * centre[:, None]
-    found[:, 1:, 1:] = half[:, None, None] * np.eye(3) - tensor + mass[:, None, None] * squares
-    return found
+    blocks[:, 1:, 1:] = half[:, None, None] * np.eye(3) - tensor + mass[:, None, None] * squares
+    return blocks
 
 
 def _listed(numbers: Any) -> str:
@@ -254,20 +254,20 @@ class Joint(StrictModel):
         if self.from_ == self.to:
             errors.append(misfit("to", f"joins {self.to} with itself"))
         for key, count in (("axis", 1), ("axes", 2)):
-            given = getattr(self, key) is not None
-            if kind.axes == count and not given:
+            present = getattr(self, key) is not None
+            if kind.axes == count and not present:
                 errors.append(misfit(key, f"missing: a {self.type} joint has it"))
-            if kind.axes != count and given:
+            if kind.axes != count and present:
                 errors.append(misfit(key, f"a {self.type} joint has no '{key}'"))
         if isinstance(self.axes, tuple) and abs(cosine := _cosine(*self.axes)) > _SKEW:
             errors.append(misfit("axes", f"must be perpendicular, the cosine is {cosine:.3g}"))
         if self.length is not None and not kind.length:
             errors.append(misfit("length", f"a {self.type} joint has no 'length'"))
         for key in ("at", "axis", "axes"):
-            given = getattr(self, key)
-            if isinstance(given, dict) and set(given) != {self.from_, self.to}:
+            value = getattr(self, key)
+            if isinstance(value, dict) and set(value) != {self.from_, self.to}:
                 text = f"must name both bodies, {self.from_} and {self.to}"
-                errors.append(misfit(key, f"{text}, given {', '.join(given) or 'none'}"))
+                errors.append(misfit(key, f"{text}, given {', '.join(value) or 'none'}"))
         if kind.length and not isinstance(self.at, dict):
             errors.append(
                 misfit("at", "a distance has two points: give them by body, in body axes")
@@ -324,8 +324,8 @@ class Torque(StrictModel):
     @property
     def acts(self) -> bool:
         """Whether it is a torque at all."""
-        given = self.torque if isinstance(self.torque, tuple) else (self.torque,)
-        return any(isinstance(amount, Law) or amount != 0 for amount in given)
+        amounts = self.torque if isinstance(self.torque, tuple) else (self.torque,)
+        return any(isinstance(amount, Law) or amount != 0 for amount in amounts)
 
 
 class Force(StrictModel):

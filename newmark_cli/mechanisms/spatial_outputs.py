@@ -119,26 +119,26 @@ class SpatialOutputs:
 
     @cached_property
     def _owner(self) -> IndexArray:
-        """(m,) number of the joint of each constraint; that after the last for others."""
+        """(m,) index of the joint of each constraint; one past the last for others."""
         numbers = {name: i for i, name in enumerate(self.joints)}
         return np.array([numbers.get(joint, len(numbers)) for joint in self.rows], np.int64)
 
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
         bodies, rates = u.reshape(-1, 4, 3), v.reshape(-1, 4, 3)
-        found = list((np.cross(bodies[:, 1:], rates[:, 1:]).sum(axis=1) / 2).ravel())
+        outputs = list((np.cross(bodies[:, 1:], rates[:, 1:]).sum(axis=1) / 2).ravel())
         pushed = self._pushed(problem, t, u, multipliers)
         for i, joint in enumerate(self.joints.values()):
             kind = JOINTS[joint.kind]
             if kind.turns:
-                found.append(joint.angle(bodies))
+                outputs.append(joint.angle(bodies))
             if kind.slides:
-                found.append(joint.distance(bodies))
+                outputs.append(joint.distance(bodies))
             force, moment = self._reaction(joint, pushed[i], bodies)
-            found += force.tolist()
+            outputs += force.tolist()
             if kind.dots:
-                found += moment.tolist()
-        return np.array(found)
+                outputs += moment.tolist()
+        return np.array(outputs)
 
     def length(self, u: Array) -> float:
         """Largest distance of an origin or a joint from their middle (m)."""
@@ -148,7 +148,7 @@ class SpatialOutputs:
         return float(np.linalg.norm(every - every.mean(axis=0), axis=1).max())
 
     def _pushed(self, problem: Problem, t: float, u: Array, multipliers: Array) -> Array:
-        """(joints, 2, 4, 3) force of each joint on the vectors of both of its bodies."""
+        """(joints, 2, 4, 3) force of each joint on the vectors of both bodies."""
         pattern = problem.pattern
         gradient = problem.values(t, u, np.zeros(problem.n), np.zeros(problem.m)).g
         pushes = gradient * multipliers[pattern.g_columns]
@@ -157,15 +157,15 @@ class SpatialOutputs:
             [[side.body for side in joint.sides] for joint in self.joints.values()] + [[-1, -1]]
         )
         body = pattern.g_rows // 12
-        found = np.zeros((len(self.joints) + 1, 2, 12))
+        forces = np.zeros((len(self.joints) + 1, 2, 12))
         for k in range(2):
             here = sides[owner, k] == body
-            np.add.at(found, (owner[here], k, pattern.g_rows[here] % 12), pushes[here])
-        return found.reshape(-1, 2, 4, 3)
+            np.add.at(forces, (owner[here], k, pattern.g_rows[here] % 12), pushes[here])
+        return forces.reshape(-1, 2, 4, 3)
 
     @staticmethod
     def _reaction(joint: Connection, pushed: Array, bodies: Array) -> tuple[Array, Array]:
-        """Force on the body that a joint goes to, and the moment about its point there."""
+        """Force on the second body of a joint, and the moment about its point."""
         about = joint.sides[1].place(bodies)
         # The ground has no coordinates: its reaction is that of the other body, reversed.
         k, sign = (1, 1.0) if joint.sides[1].body >= 0 else (0, -1.0)

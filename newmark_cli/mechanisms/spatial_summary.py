@@ -18,16 +18,16 @@ def lines(name: str, problem: Problem) -> list[str]:
     """A valid spatial mechanism in words: the file, what to know of it, a line for each body."""
     model: SpatialModel = problem.drawing
     n, m, free = problem.n, problem.m, model.freedom
-    found = [
+    text = [
         f"{name}: spatial mechanism, {n} coordinates, {m} constraints, "
         f"{degrees_of_freedom(free)}; rank of M {model.mass_rank}, "
         f"of the saddle point {n + m}"
     ]
     if problem.released:
-        found.append(f"  redundant, dropped: {', '.join(problem.released)}")
+        text.append(f"  redundant, dropped: {', '.join(problem.released)}")
         shared = ", ".join(sorted(model.shared))
-        found.append(f"  reactions that are not unique, because of that: {shared}")
-    found += [f"  warning: nothing holds {body}: no joint has it" for body in model.loose]
+        text.append(f"  reactions that are not unique, because of that: {shared}")
+    text += [f"  warning: nothing holds {body}: no joint has it" for body in model.loose]
     bodies = model.mechanism.bodies
     for body in list(bodies)[:_MOST_BODIES]:
         points = [p for p in model.mechanism.body_points.values() if p.on == body and p.mass]
@@ -38,10 +38,10 @@ def lines(name: str, problem: Problem) -> list[str]:
         else:
             about = f"its centre and origin {about}"
         loaded = " with its point masses" * bool(points)
-        found.append(f"  {body}: inertia{loaded} about {about}")
+        text.append(f"  {body}: inertia{loaded} about {about}")
     if len(bodies) > _MOST_BODIES:
-        found.append(f"  … and {len(bodies) - _MOST_BODIES} more bodies")
-    return found
+        text.append(f"  … and {len(bodies) - _MOST_BODIES} more bodies")
+    return text
 
 
 def inertia_with(body: Body, points: Iterable[BodyPoint] = ()) -> tuple[Array, Array, Array]:

@@ -58,7 +58,7 @@ class Traits:
 
 
 class _Loaded(ABC):
-    """A problem that is built to know anything of it."""
+    """A problem that must be built to know its traits."""
 
     @abstractmethod
     def load(self) -> Problem:
@@ -208,10 +208,10 @@ class Code(_Loaded):
             ProblemError: As `load`.
         """
         reading = uuid.uuid4().hex
-        found = _described(self, reading)
-        if not found.compiled:
+        problem = _described(self, reading)
+        if not problem.compiled:
             apart.end(reading)
-        return replace(self, code=found.code, reading=reading, described=found)
+        return replace(self, code=problem.code, reading=reading, described=problem)
 
     def pinned(self) -> Self:
         """The same for another process, which does not take it when its code has changed."""
@@ -233,7 +233,7 @@ def _run_once(spec: Code) -> Problem:
 
 @contextmanager
 def _unpacked(spec: Code) -> Iterator[Code]:
-    """The same with its files where it looks for them."""
+    """The same spec, its carried files unpacked where the code looks for them."""
     if not spec.files:
         yield spec
         return
@@ -252,18 +252,18 @@ def _unpacked(spec: Code) -> Iterator[Code]:
 
 def _described(spec: Code, reading: str | None = None) -> Problem:
     try:
-        found = apart.call(_description, (spec.pinned(),), owner=reading)
+        problem = apart.call(_description, (spec.pinned(),), owner=reading)
     except apart.ApartError as error:
         raise ProblemError(f"{spec.named}: cannot be loaded: {error}") from None
-    if not isinstance(found, Problem):
+    if not isinstance(problem, Problem):
         raise ProblemError(
             f"{spec.named}: cannot be loaded: returned something that is not a problem"
         )
-    return found
+    return problem
 
 
 def _description(spec: Code) -> Problem:
-    """The problem with functions that pickle can carry."""
+    """The problem with functions that can be pickled but not called."""
     problem = spec.load()
     elsewhere = partial(_elsewhere, problem.name)
     return replace(
@@ -385,15 +385,15 @@ def is_code(spec: ProblemSpec) -> bool:
     return isinstance(spec, Code)
 
 
-_Found = TypeVar("_Found")
+_Result = TypeVar("_Result")
 
 
 def with_problem(
     spec: ProblemSpec,
-    function: Callable[..., _Found],
+    function: Callable[..., _Result],
     *arguments: Any,
     timeout: float | None = None,
-) -> _Found:
+) -> _Result:
     """What a function returns of a problem; in a process of its own if that is the user's code.
 
     Args:
@@ -408,9 +408,9 @@ def with_problem(
     """
     if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
-    asked = (spec.pinned(), function, arguments)
-    found: _Found = apart.call(_loaded_with, asked, timeout, owner(spec))
-    return found
+    request = (spec.pinned(), function, arguments)
+    result: _Result = apart.call(_loaded_with, request, timeout, owner(spec))
+    return result
 
 
 def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:

@@ -112,18 +112,18 @@ def _assembled(builder: Builder, problem: Problem) -> Array:
 
 
 def _missed_by_part(builder: Builder, problem: Problem, u: Array) -> dict[str, float]:
-    """Part → the most by which a position misses one of its constraints, the largest first."""
+    """Part → largest misfit among its constraints, in descending order."""
     missed = problem.constraint_values(problem.t0, u)
     for k, square in builder.squares.items():  # by how much the length is missed
         missed[k] = np.sqrt(max(0.0, square + 2 * missed[k])) - np.sqrt(square)
-    found: dict[tuple[bool, str], float] = {}
+    largest: dict[tuple[bool, str], float] = {}
     for row, by in zip(builder.rows, np.abs(missed).tolist(), strict=True):
         if not by <= MISSED * _size(u):
             rigid = not row.owner  # what keeps a body rigid comes last
             part = rigid, str(row.parts[0]) if row.name else row.full
-            found[part] = max(found.get(part, 0.0), by)
-    order = sorted(found, key=lambda part: (part[0], -found[part]))
-    return {part[1]: found[part] for part in order}
+            largest[part] = max(largest.get(part, 0.0), by)
+    order = sorted(largest, key=lambda part: (part[0], -largest[part]))
+    return {part[1]: largest[part] for part in order}
 
 
 def _size(u: Array) -> float:
@@ -156,7 +156,7 @@ def _on_constraints(problem: Problem, u: Array) -> Array:
 
 
 def _change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
-    """Smallest d with Gᵀ d as wanted; the nearest where constraints depend on each other."""
+    """Smallest d with Gᵀ d = wanted; least squares where constraints are dependent."""
     square = gradient.T @ gradient
     if gradient.shape[0] <= DENSE_UP_TO:
         if (solve := _if_regular(square.toarray())) is not None:
@@ -172,7 +172,7 @@ def _change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
 
 
 def _if_regular(matrix: Array) -> Callable[[Array], Array] | None:
-    """Solver of A x = rhs; None where A is singular, or close to it."""
+    """Solver of A x = rhs; None if A is nearly singular."""
     try:
         factors = Factors(matrix)
     except np.linalg.LinAlgError:
@@ -221,10 +221,10 @@ def _closest(problem: Problem, u: Array) -> Array:
 def _independent(
     builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array, tolerance: float
 ) -> tuple[list[int], frozenset[str], int]:
-    """Rows to drop so that the rest is independent, parts with a share in them, and freedoms."""
+    """Rows to drop, parts that share in the redundancy, and degrees of freedom."""
     document, rows = builder.document, builder.rows
-    asked = getattr(builder.mechanism, "redundant", "refuse")
-    named = _released_by_name(builder, asked)
+    redundant = getattr(builder.mechanism, "redundant", "refuse")
+    named = _released_by_name(builder, redundant)
     sizes = column_norms(gradient)
     useless = [rows[k] for k in np.flatnonzero(sizes == 0)]
     message = "does not constrain the initial position"
@@ -250,14 +250,14 @@ def _independent(
             f"constraints depend on each other: {names}; start from another position",
         )
     chosen = _dropped(rows, null)
-    if asked == "refuse" or chosen is None:
+    if redundant == "refuse" or chosen is None:
         message = f"redundant: these constraints depend on each other: {names}"
         if chosen is not None:
             message += f"; 'redundant: drop' releases {_listed(rows, chosen)}"
-        elif asked != "refuse":
+        elif redundant != "refuse":
             message += "; no rows of joints can be dropped"
         raise document.error(last, message)
-    dropped = chosen if asked == "drop" else named
+    dropped = chosen if redundant == "drop" else named
     _require_rest(builder, scaled, dropped, rank, tolerance)
     missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
     for k in dropped:
@@ -272,7 +272,7 @@ def _require_rest(
     builder: Builder, scaled: scipy.sparse.csc_array, dropped: Sequence[int], rank: int,
     tolerance: float,
 ) -> None:  # fmt: skip
-    """Without what is dropped, as many rows as G has a rank are independent."""
+    """Require that the rows left are independent, and as many as the rank of G."""
     rows = builder.rows
     kept = np.setdiff1d(np.arange(scaled.shape[1]), dropped).tolist()
     left = _null_space(scipy.sparse.csc_array(scaled[:, kept]), tolerance)
@@ -288,13 +288,13 @@ def _require_rest(
         )
 
 
-def _released_by_name(builder: Builder, asked: Any) -> list[int]:
+def _released_by_name(builder: Builder, redundant: Any) -> list[int]:
     """Rows that the file releases by name."""
-    if isinstance(asked, str):
+    if isinstance(redundant, str):
         return []
     mistakes: list[tuple[KeyPath, str]] = []
     released = []
-    for joint, names in asked.items():
+    for joint, names in redundant.items():
         path: KeyPath = ("redundant", joint)
         having = {row.name: k for k, row in enumerate(builder.rows) if row.owner == joint}
         if not having:
@@ -310,7 +310,7 @@ def _released_by_name(builder: Builder, asked: Any) -> list[int]:
 
 
 def _null_space(matrix: scipy.sparse.csc_array, tolerance: float) -> Array:
-    """(m, k) orthonormal vectors with matrix @ vectors = 0; its columns have length 1."""
+    """(m, k) orthonormal basis of the null space; the matrix has columns of length 1."""
     if matrix.shape[0] > DENSE_UP_TO:
         return redundancy.null_space(matrix, tolerance)
     dense = np.asarray(matrix.toarray(), float)
@@ -405,7 +405,7 @@ def _require_freedom(builder: Builder, scaled: scipy.sparse.csc_array, tolerance
 
 
 def _require_inertia(builder: Builder, problem: Problem) -> None:
-    """Whatever can move has inertia: M is positive on the kernel of Gᵀ."""
+    """Require M to be positive on the kernel of Gᵀ: whatever can move has inertia."""
     gradient = gradient_of(problem, problem.u0)
     motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
     if motions.size:
@@ -507,10 +507,10 @@ def _in_norm_of_mass(
 ) -> Array:
     """The velocities nearest to v in the norm of M that fit constraints and rates."""
     n = problem.n
-    asked = list(builder.rates(problem.u0))
-    rows = scipy.sparse.csc_array(np.array([of_rate for _, of_rate, _ in asked]).reshape(-1, n).T)
+    rates = list(builder.rates(problem.u0))
+    rows = scipy.sparse.csc_array(np.array([of_rate for _, of_rate, _ in rates]).reshape(-1, n).T)
     every = scipy.sparse.csc_array(scipy.sparse.hstack([gradient, rows]))
-    wanted = np.concatenate([-rate, [value for _, _, value in asked]])
+    wanted = np.concatenate([-rate, [value for _, _, value in rates]])
     sizes = column_norms(every)
     every, wanted = scipy.sparse.csc_array(every / sizes[None, :]), wanted / sizes
     solve = _solver_of_rates(_saddle(problem, every), n)
@@ -518,7 +518,7 @@ def _in_norm_of_mass(
         v = v + solve(np.concatenate([np.zeros(n), wanted - every.T @ v]))[:n]
     left = np.abs(wanted - every.T @ v)
     speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
-    for k, (path, _, value) in enumerate(asked, start=problem.m):
+    for k, (path, _, value) in enumerate(rates, start=problem.m):
         if not left[k] <= VELOCITY_TOLERANCE * speed:
             reached = value - (wanted[k] - every[:, [k]].T @ v)[0] * sizes[k]
             raise builder.document.error(
@@ -534,7 +534,7 @@ def _in_norm_of_mass(
 
 
 def _solver_of_rates(saddle: scipy.sparse.csc_array, n: int) -> Callable[[Array], Array]:
-    """Solver of [[M, −G], [Gᵀ, 0]] x = rhs; the smallest x where rates depend on each other."""
+    """Solver of [[M, −G], [Gᵀ, 0]] x = rhs; of least norm where rates are dependent."""
     if n > DENSE_UP_TO:
         return lambda rhs: np.asarray(scipy.sparse.linalg.spsolve(saddle, rhs))
     dense = np.asarray(saddle.toarray(), float)

@@ -62,7 +62,7 @@ class Shape(NamedTuple):
         return self._rare_entries()
 
     def _rare_entries(self) -> list[_Entry]:
-        """The same of angles that are coordinates, and of torques on a body in space."""
+        """The same for angles that are coordinates, and for torques on a body in space."""
         if self.kind == elements.TWIST:
             return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
         if self.kind == elements.COUPLE:
@@ -241,11 +241,11 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
     ints = np.zeros(begins[0, -1], np.int64)
     numbers_of = np.zeros(begins[1, -1])
     x, y, g = (np.zeros((2, size), np.int64) for size in begins[2:, -1])
-    given_at, driven_at = np.zeros((2, count), np.int64)
+    parameters_at, driven_at = np.zeros((2, count), np.int64)
     for (shape, numbers, rows, places, reals), values in zip(groups, entries, strict=True):
         at = begins[:, numbers]
         parameters = at[1] + shape.constants
-        given_at[numbers] = parameters
+        parameters_at[numbers] = parameters
         driven_at[numbers] = parameters + shape.parameters - elements.LAW
         header = [
             shape.kind, sizes[0, numbers], at[1], parameters, parameters + shape.parameters, rows,
@@ -267,7 +267,7 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
     behind, values_behind = ints.tolist() if timed else [], list[float]()
     chunks = laws.chunks(
         [
-            (int(driven_at[i] if law.target is None else given_at[i] + law.target), law)
+            (int(driven_at[i] if law.target is None else parameters_at[i] + law.target), law)
             for i, law in timed
         ]
     )
@@ -284,7 +284,7 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
 
 
 def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray) -> None:
-    """Rows of values, each from its place on."""
+    """Write each row of values from its place on."""
     to[begins[:, None] + np.arange(values.shape[1])] = values
 
 
