@@ -29,31 +29,31 @@ _MOST = 40
 
 
 def _numbers(
-    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> tuple[float, ...]:
     try:
-        return tuple(float(part) for text in given for part in text.split(","))
+        return tuple(float(part) for text in texts for part in text.split(","))
     except ValueError:
         raise click.BadParameter(
-            f"must be step sizes such as 1e-3 or 1e-3,1e-4, given {', '.join(given)}"
+            f"must be step sizes such as 1e-3 or 1e-3,1e-4, given {', '.join(texts)}"
         ) from None
 
 
 def _tolerances(
-    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+    context: click.Context, option: click.Parameter, texts: tuple[str, ...]
 ) -> float | dict[str, float] | None:
-    found = {}
-    for text in given:
+    tolerances = {}
+    for text in texts:
         name, _, value = text.rpartition("=")
-        if (name or "all") in found:
+        if (name or "all") in tolerances:
             raise click.BadParameter(f"{name or 'all unknowns'}: given twice")
         try:
-            found[name or "all"] = float(value)
+            tolerances[name or "all"] = float(value)
         except ValueError:
             raise click.BadParameter(
                 f"must be a number, or such as lambda=1e-8, given {text}"
             ) from None
-    return found or None
+    return tolerances or None
 
 
 @click.command()
@@ -165,28 +165,27 @@ def advise(
     Example:
       newmark-study advise andrews --h 1e-4
     """
-    given = [one for one in (subject, matrices, jacobians or None) if one is not None]
-    if len(given) != 1:
+    if [subject is None, matrices is None, not jacobians].count(False) != 1:
         raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
     options = {name: value for name, value in options.items() if value is not None}
-    found: list[Advice] | list[JacobianAdvice] | list[DaeAdvice]
+    advice: list[Advice] | list[JacobianAdvice] | list[DaeAdvice]
     if "code" in options or "accuracy" in options:
-        found = [_of_code(subject, steps, options, allow_code)]
+        advice = [_of_code(subject, steps, options, allow_code)]
     elif jacobians:
-        found = [_of_jacobians(jacobians, blocks, steps, options)]
+        advice = [_of_jacobians(jacobians, blocks, steps, options)]
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
     elif matrices is not None:
         from newmark_cli.advice.advising import advise as advised
 
-        found = [advised(_path_of_matrices(matrices), h=_required(steps), **options)]
+        advice = [advised(_path_of_matrices(matrices), h=_required(steps), **options)]
     else:
-        found = list(_of_subject(str(subject), steps, options, allow_code))
+        advice = list(_of_subject(str(subject), steps, options, allow_code))
     if as_json:
-        plain = [one.to_dict() for one in found]
+        plain = [entry.to_dict() for entry in advice]
         screen.lines(as_json_text(plain if len(plain) > 1 else plain[0]))
     else:
-        screen.lines("\n\n\n".join(map(str, found)))
+        screen.lines("\n\n\n".join(map(str, advice)))
     return 0
 
 
@@ -228,8 +227,8 @@ def _of_code(
     if subject is None or config.is_study(subject):
         raise click.UsageError("--code needs a problem or a mechanism for SUBJECT")
     spec = config.problem_named(subject, allow_code)
-    found: DaeAdvice = _called(spec, {**options, "named": repr(subject)})
-    return found
+    advice: DaeAdvice = _called(spec, {**options, "named": repr(subject)})
+    return advice
 
 
 def _of_subject(

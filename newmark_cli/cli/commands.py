@@ -29,7 +29,7 @@ from newmark_cli.support.spelling import nearest
 
 
 class _Interrupted(BaseException):
-    """A `KeyboardInterrupt` on its way past click, which would print an empty line."""
+    """A `KeyboardInterrupt` hidden from click, which would print an empty line."""
 
 
 class _Commands(click.Group):
@@ -49,7 +49,7 @@ class _Commands(click.Group):
 
 @contextlib.contextmanager
 def _past_click() -> Iterator[None]:
-    """Errors that click has an answer of its own to, which is not ours."""
+    """Hide errors for which click has answers of its own."""
     try:
         yield
     except KeyboardInterrupt as interrupt:
@@ -118,7 +118,7 @@ def run(arguments: Sequence[str] | None) -> int:
 
 
 def _exit_code(error: BaseException) -> int:
-    """Print an error and return the exit code.  An error of the program itself is raised."""
+    """Print an error and return the exit code; raise internal errors."""
     match error:
         case click.exceptions.NoArgsIsHelpError():
             screen.lines(error.ctx.get_help())

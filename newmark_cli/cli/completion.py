@@ -28,7 +28,7 @@ def complete(*sections: str, files: bool = False) -> Completer:
         known: dict[str, str] = {}
         for section in sections:
             known = known | {n: text for n, text in listed[section].items() if n not in known}
-        found = [
+        matching = [
             CompletionItem(name, help=text or None)
             for name, text in known.items()
             if name.startswith(begun)
@@ -37,9 +37,9 @@ def complete(*sections: str, files: bool = False) -> Completer:
             # What a shell cannot be told in a line is left to its own completion of files.
             names = sorted(glob.glob(glob.escape(begun) + "*"))
             yaml = (name for name in names if name.endswith((".yaml", ".yml")))
-            found += (CompletionItem(name) for name in yaml if name == visible(name))
+            matching += (CompletionItem(name) for name in yaml if name == visible(name))
             # None: the shell's own completion of files finds the way into folders.
-            return found or [CompletionItem(begun, type="file")]
-        return found
+            return matching or [CompletionItem(begun, type="file")]
+        return matching
 
     return items

@@ -13,24 +13,24 @@ from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import allow_code_option, axis_options, flag
 
 
-def _steps(context: click.Context, option: click.Parameter, given: str | None) -> tuple[int, ...]:
-    if given is None:
+def _steps(context: click.Context, option: click.Parameter, text: str | None) -> tuple[int, ...]:
+    if text is None:
         return ()
-    parts = [part.strip() for part in given.split(",")]
+    parts = [part.strip() for part in text.split(",")]
     if not all(re.fullmatch("[0-9]{1,9}", part) and int(part) > 0 for part in parts):
         raise click.BadParameter(
-            f"must be numbers of steps from 1 on, with commas between them, given {given!r}"
+            f"must be numbers of steps from 1 on, with commas between them, given {text!r}"
         )
     return tuple(sorted({int(part) for part in parts}))
 
 
 def _sizes(
-    context: click.Context, option: click.Parameter, given: tuple[float, ...]
+    context: click.Context, option: click.Parameter, sizes: tuple[float, ...]
 ) -> tuple[float, ...]:
-    for h in given:
+    for h in sizes:
         if not (math.isfinite(h) and h > 0):
             raise click.BadParameter(f"must be positive, given {h:g}")
-    return given
+    return sizes
 
 
 @click.command()

@@ -70,10 +70,10 @@ def orders(
     chosen = _chosen_orders(form, preconditioning, evaluation, formulation, file, allow_code)
     if derive:
         forms = dict.fromkeys((name, kind) for name, _, _, kind in chosen)
-        predicted = [theory.derive(*one) for one in forms]
+        predicted = [theory.derive(*arguments) for arguments in forms]
         texts = [theory.derived_as_text(entry) for entry in predicted]
     else:
-        predicted = [theory.predict(*one) for one in chosen]
+        predicted = [theory.predict(*arguments) for arguments in chosen]
         texts = [theory.as_text(entry) + "\n" for entry in predicted]
     screen.lines(as_json_text(predicted) if as_json else "\n".join(texts))
     return 0
@@ -297,7 +297,7 @@ def _chosen_orders(
     file: str | None,
     allow_code: bool,
 ) -> "list[tuple[str, Preconditioning, str, str]]":
-    """Form, scaling, evaluation and formulation that the options of `orders` choose."""
+    """Form, scaling, evaluation and formulation chosen by the options of `orders`."""
     from newmark_cli.newmark.forms import FORMS, INDEX_3
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
     from newmark_cli.study import keys

@@ -93,20 +93,20 @@ def judge(
         return 0
     if table is None or problem is None:
         raise click.UsageError("give TABLE and --problem, or --template")
-    given = {name: value for name, value in options.items() if value is not None}
-    found: Judged = _apart(
-        config.problem_named(problem, allow_code), judging.of_files, table, given
+    arguments = {name: value for name, value in options.items() if value is not None}
+    judged: Judged = _apart(
+        config.problem_named(problem, allow_code), judging.of_files, table, arguments
     )
     if plot is not None:
         from newmark_cli.external import drawing
 
-        drawing.write(found, plot)
-    screen.lines(as_json_text(found.to_dict()) if as_json else str(found))
-    return 1 if found.fails(strict) else 0
+        drawing.write(judged, plot)
+    screen.lines(as_json_text(judged.to_dict()) if as_json else str(judged))
+    return 1 if judged.fails(strict) else 0
 
 
 def _apart(spec: Any, function: Any, *arguments: Any) -> Any:
-    """A function of a problem; one with code of the user's is loaded in a separate process."""
+    """Call a function of a problem; user code runs in a separate process."""
     from newmark_cli.mechanisms.spec import Code
     from newmark_cli.support import apart
 

@@ -20,10 +20,10 @@ complete_config = complete("configs", files=True)
 flag = functools.partial(click.option, is_flag=True)
 
 
-def _folder(context: click.Context, option: click.Parameter, given: Path) -> Path:
-    if given == Path():
+def _folder(context: click.Context, option: click.Parameter, folder: Path) -> Path:
+    if folder == Path():
         raise click.BadParameter("must name a folder other than the current one")
-    return given
+    return folder
 
 
 results_folder = click.option(
@@ -59,7 +59,7 @@ def axis_option(
     """
     same = ("preconditioning", "scaling")
     return click.option(
-        *(f"--{each}" for each in (same if name in same else (name,))), name, multiple=multiple,
+        *(f"--{alias}" for alias in (same if name in same else (name,))), name, multiple=multiple,
         metavar=metavar, shell_complete=complete(*sections), help=text,
     )  # fmt: skip
 

@@ -31,30 +31,30 @@ if TYPE_CHECKING:
 REMARKS = 20
 
 
-def _formats(context: click.Context, option: click.Parameter, given: str) -> tuple[str, ...]:
+def _formats(context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
     allowed = ("png", "svg", "pdf", "pgf")
-    formats = tuple(dict.fromkeys(part.strip().lower() for part in given.split(",")))
+    formats = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
     for name in formats:
         if name not in allowed:
             raise click.BadParameter(f"unknown format {name!r}; allowed: {', '.join(allowed)}")
     return formats
 
 
-def _names(context: click.Context, option: click.Parameter, given: str | None) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(part.strip() for part in (given or "").split(",") if part.strip()))
+def _names(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(part.strip() for part in (text or "").split(",") if part.strip()))
 
 
 def _size(
-    context: click.Context, option: click.Parameter, given: str | None
+    context: click.Context, option: click.Parameter, text: str | None
 ) -> tuple[float, float | None] | None:
-    if given is None:
+    if text is None:
         return None
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(?:x(\d+\.?\d*|\.\d+))?", given.strip().lower())
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(?:x(\d+\.?\d*|\.\d+))?", text.strip().lower())
     sides = [float(side) for side in match.groups() if side] if match else []
     if not sides or not all(1 <= side <= 40 for side in sides):
         raise click.BadParameter(
             "must be a width, or a width and a height, from 1 to 40 inches, such as 3.3 or "
-            f"3.3x2.4, given {given!r}"
+            f"3.3x2.4, given {text!r}"
         )
     return sides[0], sides[1] if len(sides) > 1 else None
 
@@ -233,8 +233,8 @@ def check(
         rows += [{"file": str(entry.path), "finding": entry.finding} for entry in changed]
         screen.lines(as_json_text(rows))
     else:
-        told = [f"{one.path}: {one.finding}" for one in changed]
-        summary = show_claims(series, expected, show_all, markdown, told)
+        findings = [f"{entry.path}: {entry.finding}" for entry in changed]
+        summary = show_claims(series, expected, show_all, markdown, findings)
         if not markdown:
             screen.lines(wrapped(summary))
     asserted = outcomes.of(series, expected, changed, tables=True)
@@ -313,22 +313,22 @@ def tables(
     Example:
       newmark-study tables my-study --list --values slope,stderr,verdict --format csv
     """
-    asked = bool(rows or columns or as_list or shown or measure or any(chosen.values()))
+    choosing = bool(rows or columns or as_list or shown or measure or any(chosen.values()))
     if studies:
         from newmark_cli.report.judging import slopes
         from newmark_cli.report.reading.choosing import Choice
         from newmark_cli.report.tables import study_tables
 
         series = Choice(measure, chosen).series(slopes.collect(folder, studies))
-        layout = study_tables.asked(rows, columns, as_list, shown) if asked else None
+        layout = study_tables.from_options(rows, columns, as_list, shown) if choosing else None
         for study in studies:
             ours = [slope for slope in series if slope.study == study]
             wanted = [layout] if layout else study_tables.defined(folder, study)
-            for each in wanted or [study_tables.USUAL]:
-                made = study_tables.report(ours, each).written(written or "markdown")
-                screen.lines(made.rstrip() + "\n")
+            for table_layout in wanted or [study_tables.USUAL]:
+                text = study_tables.report(ours, table_layout).written(written or "markdown")
+                screen.lines(text.rstrip() + "\n")
         return 0
-    if asked:
+    if choosing:
         raise InputError("tables: options that choose rows, columns or series need a STUDY")
     if cures:
         return show_cures(folder, written)
@@ -502,12 +502,12 @@ def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
     return 0 if outcomes.hold(asserted, strict) else 1
 
 
-def show_report(folder: Path, made: "Report", form: str | None) -> None:
+def show_report(folder: Path, report: "Report", form: str | None) -> None:
     """Print tables in a format; without one as text, and write them in the others."""
-    screen.lines(made.written(form or "text").rstrip())
+    screen.lines(report.written(form or "text").rstrip())
     if form is None:
         screen.line()
-        for file in made.write(folder):
+        for file in report.write(folder):
             screen.line(file)
 
 
@@ -520,14 +520,14 @@ def show_cures(folder: Path, form: str | None = None) -> int:
     return 0 if all(cell.agrees for cell in cells.values()) else 1
 
 
-def show_tables(folder: Path, found: "Sequence[Slope]", form: str | None = None) -> int:
+def show_tables(folder: Path, slopes: "Sequence[Slope]", form: str | None = None) -> int:
     """Print Tables 1 and 2; 1 when an entry is not as predicted."""
     from newmark_cli.report.tables import paper_tables as tabling
 
-    for made in tabling.reports(found):
-        show_report(folder, made, form)
+    for table in tabling.reports(slopes):
+        show_report(folder, table, form)
         screen.line()
-    entries = tabling.build(found)
+    entries = tabling.build(slopes)
     if form is None:
         screen.lines(f"{tabling.worst(entries)}\n")
     return 1 if tabling.not_as_predicted(entries) else 0

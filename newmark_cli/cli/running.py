@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
 
 def _shard(
-    context: click.Context, option: click.Parameter, given: str | None
+    context: click.Context, option: click.Parameter, text: str | None
 ) -> tuple[int, int] | None:
-    if given is None:
+    if text is None:
         return None
-    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", given)
+    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
     if not match or not 1 <= int(match[1]) <= int(match[2]):
-        raise click.BadParameter(f"must be I/N with 1 <= I <= N, given {given!r}")
+        raise click.BadParameter(f"must be I/N with 1 <= I <= N, given {text!r}")
     return int(match[1]), int(match[2])
 
 
@@ -248,7 +248,7 @@ def _run(
 
 
 def _kept(counts: "Counts", force: bool) -> str:
-    """The end of an interrupt's message: how many cells of the run are cached."""
+    """End of an interrupt's message: how many cells are cached."""
     if not counts.total:
         return ""
     kept = f"; {counts.kept} of {counts.total} cells are cached"
@@ -256,7 +256,7 @@ def _kept(counts: "Counts", force: bool) -> str:
 
 
 def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
-    """How studies went, a line each, and why cells did not end well; 1 when one did not."""
+    """Print a line for each study, and complaints; 1 if a cell did not end well."""
     for done in runs:
         ended = ", ".join(f"{n} {status}" for status, n in Counter(done.statuses).items())
         kept = f" ({done.kept} cached)" if done.kept else ""
@@ -276,13 +276,13 @@ def _dry_run(
     from newmark_cli.study import axes
 
     planned = runner.plan(studies, folder, force, shard)
-    for one in planned:
-        state = f"to run: {one.why}"
-        if one.done:
-            lacks = "".join(f"; measured no error: {why}" for why in one.done.outcome.lacks)
+    for entry in planned:
+        state = f"to run: {entry.why}"
+        if entry.done:
+            lacks = "".join(f"; measured no error: {why}" for why in entry.done.outcome.lacks)
             again = "; a run tries again" if lacks else ""
-            state = f"done, {one.done.outcome.status}{lacks}{again}"
-        screen.line(f"{studies[one.study].study}: {axes.described(one.cell)}: {state}")
-    left = sum(one.done is None for one in planned)
+            state = f"done, {entry.done.outcome.status}{lacks}{again}"
+        screen.line(f"{studies[entry.study].study}: {axes.described(entry.cell)}: {state}")
+    left = sum(entry.done is None for entry in planned)
     screen.line(f"{left} of {len(planned)} cells to run")
     return 0

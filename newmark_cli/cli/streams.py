@@ -36,7 +36,7 @@ class OutputError(Exception):
 
 
 class _Descriptor(io.FileIO):
-    """A standard stream; once it has refused a write it takes everything and keeps nothing."""
+    """A standard stream that discards everything after its first failed write."""
 
     _lost = False
 
@@ -57,7 +57,7 @@ def prepare() -> None:
 
     What is wrong with stderr is nobody's loss: a run goes on without its messages.
     """
-    codecs.register_error("newmark-study", _spelled)
+    codecs.register_error("newmark-study", _replaced)
     for number in (0, 1, 2):
         try:
             os.fstat(number)
@@ -68,23 +68,23 @@ def prepare() -> None:
     sys.stderr = _stream(sys.stderr, 2)
 
 
-def _stream(given: IO[str] | None, number: int) -> io.TextIOWrapper:
-    if given is not None:
-        given.flush()
-    if os.name == "nt" and isinstance(given, io.TextIOWrapper) and given.isatty():
-        given.reconfigure(errors="newmark-study")  # a console there takes text, not bytes
-        return given
+def _stream(stream: IO[str] | None, number: int) -> io.TextIOWrapper:
+    if stream is not None:
+        stream.flush()
+    if os.name == "nt" and isinstance(stream, io.TextIOWrapper) and stream.isatty():
+        stream.reconfigure(errors="newmark-study")  # a console there takes text, not bytes
+        return stream
     return io.TextIOWrapper(
         io.BufferedWriter(_Descriptor(number, "wb", closefd=False)),
-        encoding=getattr(given, "encoding", None) or "utf-8",
+        encoding=getattr(stream, "encoding", None) or "utf-8",
         errors="newmark-study",
-        line_buffering=getattr(given, "line_buffering", False) or number == 2,
-        write_through=getattr(given, "write_through", False),
+        line_buffering=getattr(stream, "line_buffering", False) or number == 2,
+        write_through=getattr(stream, "write_through", False),
     )
 
 
-def _spelled(error: UnicodeError) -> tuple[str | bytes, int]:
-    """Text that an encoding lacks, in letters that it has."""
+def _replaced(error: UnicodeError) -> tuple[str | bytes, int]:
+    """Error handler: spell out letters that an encoding lacks."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     lacking = error.object[error.start : error.end]

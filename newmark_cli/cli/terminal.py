@@ -40,11 +40,11 @@ class Counts(Watcher):
     def planned(self, plan: Sequence[Planned]) -> None:
         """Count what is kept of the plan."""
         self.total = len(plan)
-        for one in plan:
-            if one.done is None:
-                self._places[one.cell] += 1
+        for entry in plan:
+            if entry.done is None:
+                self._places[entry.cell] += 1
             else:
-                self._ended(one.cell, one.done, 1)
+                self._ended(entry.cell, entry.done, 1)
 
     def finished(self, cell: Cell, done: Done) -> None:
         """Count a cell in each study that has it."""
@@ -131,7 +131,7 @@ class Reporting(Counts):
 
 
 def _bar(total: int, **counts: int) -> "Progress":
-    """A bar, counts, and the time left."""
+    """A progress bar with counts and the time left."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
@@ -156,7 +156,7 @@ def _bar(total: int, **counts: int) -> "Progress":
 
 
 def _opened(display: "Progress", stack: contextlib.ExitStack) -> "Progress":
-    """A display that is shown until the stack is closed."""
+    """A display shown until the stack is closed."""
     with interrupts.postponed():
         # What hides the cursor must show it again.
         stack.enter_context(interrupts.before_end(lambda: os.write(2, b"\n\x1b[?25h")))

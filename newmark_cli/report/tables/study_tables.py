@@ -51,7 +51,7 @@ def _step(h: float) -> str:
     return f"{h:g}" if np.isfinite(h) else ""
 
 
-def asked(
+def from_options(
     rows: tuple[str, ...], columns: tuple[str, ...], as_list: bool, values: tuple[str, ...]
 ) -> Layout:
     """The table that options of a command ask for; what they leave open is as usual."""
@@ -111,40 +111,40 @@ def groups(slopes: Iterable[Slope], layout: Layout) -> list[tuple[str, list[Plac
     apart = [axis for axis in (*AXES, "initial") if axis not in (*layout.rows, *across)]
     tables = grouped(ours, apart)
     varying = [axis for i, axis in enumerate(apart) if len({where[i] for where in tables}) > 1]
-    titled = [(_title(layout, varying, several[0]), several) for several in tables.values()]
-    return [(title, placed) for title, several in titled if (placed := _placed(several, layout))]
+    titled = [(_title(layout, varying, group[0]), group) for group in tables.values()]
+    return [(title, placed) for title, group in titled if (placed := _placed(group, layout))]
 
 
 def _title(layout: Layout, varying: Iterable[str], first: Slope) -> str:
-    """The title of one of several tables: what they are of, and what tells this one apart."""
+    """The title of one of several tables, with what distinguishes it."""
     values = joined_values(varying, first.key.named())
     title = f"{layout.title} ({values})" if layout.title and values else layout.title or values
     return title or first.study
 
 
 def _placed(slopes: Sequence[Slope], layout: Layout) -> list[Placed]:
-    """Series by columns; where these are named one by one, the strongest of each entry."""
+    """Series by columns; under headings, the strongest for each entry."""
     if not layout.headings:
         return [
             (joined_values(layout.columns, slope.key.named()) or MISSING, slope) for slope in slopes
         ]
     return [
-        (heading.label, _strongest(several))
+        (heading.label, _strongest(group))
         for heading in layout.headings
-        for several in grouped(
+        for group in grouped(
             (slope for slope in slopes if is_among(slope, heading.choice)), layout.rows
         ).values()
     ]
 
 
 def _strongest(slopes: Sequence[Slope]) -> Slope:
-    """The largest of several series at each step size of all, with the least of their orders."""
+    """The maximum of several series over their common step sizes, with their least order."""
     first = slopes[0]
     if len(slopes) == 1:
         return first
     points = [dict(zip(slope.h.tolist(), slope.values.tolist(), strict=True)) for slope in slopes]
     h = np.array(sorted(set.intersection(*map(set, points)), reverse=True))
-    values = np.array([max(each[size] for each in points) for size in h.tolist()])
+    values = np.array([max(of_series[size] for of_series in points) for size in h.tolist()])
     fit: Fit = power_law(h, values)
     expected = np.min([slope.expected for slope in slopes])
     tolerance = np.min([slope.tolerance for slope in slopes])
@@ -158,7 +158,7 @@ def _strongest(slopes: Sequence[Slope]) -> Slope:
 def _cross(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
     rows = {axis: partial(_row_name, axis) for axis in layout.rows}
     entries = [{**slope.key.named(), "column": column, "slope": slope} for column, slope in placed]
-    return pivoted(title, entries, rows, "column", lambda one: _entry(one["slope"], layout.values))
+    return pivoted(title, entries, rows, "column", lambda e: _entry(e["slope"], layout.values))
 
 
 def _entry(slope: Slope, values: Iterable[str]) -> str:
@@ -184,21 +184,21 @@ def _list(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
 
 
 def _record(slope: Slope, layout: Layout) -> Record:
-    """A series for programs: the axes of a list, and values as numbers."""
+    """A series for programs: axes of a list, and values as numbers."""
     row: dict[str, Any] = {**slope.row(), "predicted": slope.expected, "fitted": slope.fit.slope}
     names = layout.rows or ("study", *AXES)
     return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.values}
 
 
 def _legend(layout: Layout, slopes: Sequence[Slope]) -> tuple[tuple[str, str], ...]:
-    """What an entry says, and what its marks mean where there are any."""
+    """What entries and marks mean."""
     if not (layout.columns or layout.headings):
-        said = [(name, f"{VALUES[name]}.") for name in layout.values]
+        legend = [(name, f"{VALUES[name]}.") for name in layout.values]
     else:
-        said = [("", f"Entries: {': '.join(VALUES[name] for name in layout.values)}.")]
+        legend = [("", f"Entries: {': '.join(VALUES[name] for name in layout.values)}.")]
     marks = {_marks(slope) for slope in slopes if "fitted" in layout.values}
     if any("*" in mark for mark in marks):
-        said.append(("", "* marks what is eliminated and recovered from the other unknowns."))
+        legend.append(("", "* marks what is eliminated and recovered from the other unknowns."))
     if any(MARK in mark for mark in marks):
-        said.append(("", MARKED))
-    return tuple(said)
+        legend.append(("", MARKED))
+    return tuple(legend)
