@@ -137,7 +137,7 @@ def cluster(
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C and hangups wait; processes that start here leave them to this thread."""
+    """Hold Ctrl-C and hangups; processes started here leave them to this thread."""
     hangup = {number for number in interrupts.NAMES if number.name == "SIGHUP"}
     with interrupts.held(hangup):
         # Started on the way, the tracker of semaphores would allow Ctrl-C.
@@ -176,7 +176,7 @@ class _Core:
 
 
 def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
-    """Run a cell on a worker, which must have the code of the process that keeps the result."""
+    """Run a cell on a worker, which must have the same code as the process that submits it."""
     there = versions()
     if _Core(core(), there, registry.digest()) != wanted:
         import distributed

@@ -47,7 +47,7 @@ Execution = Iterator[tuple[int, Done]]
 
 
 class _Overtime(Exception):
-    """The cell has taken longer than it may."""
+    """The cell exceeds its time limit."""
 
 
 def perform(
@@ -182,7 +182,7 @@ def local(
 
 
 def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:
-    """The same, with cells of one compiled problem next to each other."""
+    """Tasks reordered so that cells of one compiled problem are adjacent."""
     first: dict[Any, int] = {}
     for place, task in enumerate(tasks.values()):
         if task.compiled:

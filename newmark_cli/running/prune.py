@@ -36,7 +36,7 @@ _UNFINISHED = ".unfinished-"
 _CELL = re.compile(r"[0-9a-f]{16}-[0-9a-f]{16}-[0-9a-f]{16}\.json")
 #: Names of the files whose temporary ones stay when a writer is killed.
 _WRITTEN = re.compile(
-    r"probe|\.(?:unfinished)-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
+    r"probe|\.unfinished-.+|.+\.(?:csv|gif|html|json|md|mp4|parquet|pdf|png|svg|tex)"
 )
 #: Seconds after which nobody writes a temporary file any more.
 _LONG_AGO = 3600.0
@@ -120,18 +120,18 @@ def _plan(folder: Path, studies: Sequence["Study"]) -> Pruned:
             foreign.append(file)
         else:
             needless.append(file)
-    several = {
+    by_kind = {
         "cell{s} that no study needs": needless,
         "cell{s} of another numerical core": foreign,
         "damaged cell{s}": damaged,
         "temporary file{s}": list(_temporaries(folder)),
     }
-    removed = (Removed(kind, tuple(some), _size(some)) for kind, some in several.items() if some)
+    removed = (Removed(kind, tuple(f), _size(f)) for kind, f in by_kind.items() if f)
     return Pruned(tuple(removed), len(stay), _size(stay), outdated, tuple(unfinished))
 
 
 def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
-    """Studies that have begun → their cells."""
+    """Unfinished studies → their cells."""
     cells_of = {}
     for file in sorted(folder.glob(f"{_UNFINISHED}*")):
         name = file.name.removeprefix(_UNFINISHED)
@@ -142,7 +142,7 @@ def _unfinished(folder: Path, but: Iterable[str]) -> dict[str, set[str]]:
 
 
 def _recorded(folder: Path, but: Iterable[str]) -> Iterator[str]:
-    """Files of all cells that the folder's CSVs were made from, as their records say."""
+    """Files of all cells behind the folder's CSVs, by their records."""
     csvs = {file.stem for file in folder.glob("*.csv") if file.name not in NOT_STUDIES}
     others = {file.stem for file in folder.glob("*.json")}
     for name in sorted((csvs | others) - set(but)):
@@ -168,7 +168,7 @@ def _json(file: Path, what: str) -> dict[str, Any]:
 
 
 def _temporaries(folder: Path) -> Iterator[Path]:
-    """Files under temporary names that nobody writes any more."""
+    """Abandoned temporary files."""
     for file, target in files.temporaries(folder):
         with contextlib.suppress(OSError):  # it has its name now
             if _WRITTEN.fullmatch(target) and time.time() - file.stat().st_mtime > _LONG_AGO:

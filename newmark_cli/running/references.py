@@ -40,7 +40,7 @@ class References:
         self._solve = solve
         self._guard = threading.Lock()
         self._locks: dict[str, threading.Lock] = {}
-        self._found: dict[str, Reference | NoReference] = {}
+        self._solved: dict[str, Reference | NoReference] = {}
 
     def of(self, spec: ProblemSpec, t: float) -> Reference:
         """The solution of a problem at a time; computed, or tried, at most once.
@@ -61,18 +61,18 @@ class References:
         with self._guard:
             lock = self._locks.setdefault(content, threading.Lock())
         with lock:
-            if content not in self._found:
+            if content not in self._solved:
                 try:
-                    self._found[content] = self._stored(spec, problem, t, content)
+                    self._solved[content] = self._stored(spec, problem, t, content)
                 except NoReference as error:
-                    self._found[content] = error
-            found = self._found[content]
-        if isinstance(found, NoReference):
-            raise NoReference(str(found))
-        return found
+                    self._solved[content] = error
+            solved = self._solved[content]
+        if isinstance(solved, NoReference):
+            raise NoReference(str(solved))
+        return solved
 
     def _stored(self, spec: ProblemSpec, problem: Problem, t: float, content: str) -> Reference:
-        """From its file, which is written when there is none that fits."""
+        """The reference from its file, which is written if none fits."""
         safe = re.sub(r"[^A-Za-z0-9._=-]+", "-", spec.label).strip("-.")[:80]
         path = self._folder / f"{safe}-{float(t)!r}-{content[:12]}.json"
         solution = _read(path, problem, t, content)
@@ -92,26 +92,26 @@ def digest(problem: Problem, t: float) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _record(label: str, found: Reference, content: str) -> dict[str, Any]:
+def _record(label: str, solution: Reference, content: str) -> dict[str, Any]:
     return {
         "problem": label,
-        "t": found.t,
-        "source": found.source,
+        "t": solution.t,
+        "source": solution.source,
         "content": content,
-        "u": found.u.tolist(),
-        "v": found.v.tolist(),
-        "lambda": found.multipliers.tolist(),
-        "lambda_scale": found.scales.tolist(),
+        "u": solution.u.tolist(),
+        "v": solution.v.tolist(),
+        "lambda": solution.multipliers.tolist(),
+        "lambda_scale": solution.scales.tolist(),
         "estimated_error": {
-            "u": found.u_error,
-            "v": found.v_error,
-            "lambda": found.multipliers_error,
+            "u": solution.u_error,
+            "v": solution.v_error,
+            "lambda": solution.multipliers_error,
         },
     }
 
 
 def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | None:
-    """The reference in a file; None when it is missing, damaged or of something else."""
+    """The reference in a file; None if it is missing, damaged or of something else."""
     try:
         record = files.read_mapping(path)
         if record["content"] != content:
@@ -132,9 +132,9 @@ def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | N
         return None
 
 
-def _array(given: Any, size: int) -> Array:
+def _array(numbers: Any, size: int) -> Array:
     """(size,) finite numbers; ValueError or TypeError for anything else."""
-    array = np.array(given, float)
+    array = np.array(numbers, float)
     if array.shape != (size,) or not np.all(np.isfinite(array)):
         raise ValueError("not a vector of that size")
     return array

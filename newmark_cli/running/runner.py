@@ -138,19 +138,19 @@ def run_studies(
         store = Store(folder)
         references = References(folder, partial(_solution, timeout=options.timeout))
         planned = [
-            _looked_after(one, references, store)
-            for one in plan(studies, folder, options.force, options.shard)
+            _looked_after(entry, references, store)
+            for entry in plan(studies, folder, options.force, options.shard)
         ]
-        to_run = [one for one in planned if one.done is None]
-        for i in {one.study for one in to_run}:
+        to_run = [entry for entry in planned if entry.done is None]
+        for i in {entry.study for entry in to_run}:
             prune.begun(folder, studies[i])
-        for one in to_run:
-            store.require_replaceable(one.cell)
+        for entry in to_run:
+            store.require_replaceable(entry.cell)
         watcher.planned(planned)
         open_runs = _OpenRuns(studies, folder, options, planned)
-        for i, one in enumerate(planned):
-            if one.done is not None:
-                open_runs.took(i, one.done)
+        for i, entry in enumerate(planned):
+            if entry.done is not None:
+                open_runs.took(i, entry.done)
         if options.fail_fast and open_runs.complains(range(len(planned))):
             return open_runs.close()
         places = _shared(planned)
@@ -169,21 +169,21 @@ def run_studies(
 
 
 def _shared(planned: Sequence[Planned]) -> dict[int, list[int]]:
-    """Place of a cell to compute → all that have it: studies that share one compute it once."""
+    """Place of a cell to compute → all places with the same cell."""
     sharing: dict[str, list[int]] = {}
-    for i, one in enumerate(planned):
-        if one.done is None:
-            sharing.setdefault(file_name(one.cell), []).append(i)
+    for i, entry in enumerate(planned):
+        if entry.done is None:
+            sharing.setdefault(file_name(entry.cell), []).append(i)
     return {places[0]: places for places in sharing.values()}
 
 
 def _tasks(
     cells: Mapping[int, Cell], references: References, timed: bool
 ) -> tuple[dict[int, Task], dict[int, str]]:
-    """Tasks in the order in which they start, and why some lack their reference."""
+    """Tasks in the order in which they start, and why references are missing."""
     tasks: dict[int, Task] = {}
     lacking: dict[int, str] = {}
-    for i, cell in sorted(cells.items(), key=lambda one: -_cost(one[1])):
+    for i, cell in sorted(cells.items(), key=lambda item: -_cost(item[1])):
         solution = None
         if "error" in cell.measure:
             try:
@@ -220,7 +220,7 @@ def merge(
         taken = tuple(store.take(source) for source in sources)
         planned = plan(studies, folder, failed=True)
         missing = [
-            Counter(one.why for one in planned if one.study == s and one.done is None)
+            Counter(entry.why for entry in planned if entry.study == s and entry.done is None)
             for s in range(len(studies))
         ]
         if any(missing):
@@ -231,16 +231,16 @@ def merge(
                 del why[NOT_RUN]
             return Merged(taken, counts, tuple(missing), ())
         open_runs = _OpenRuns(studies, folder, Options(jobs=1, parquet=parquet), planned)
-        for i, one in enumerate(planned):
-            assert one.done is not None
-            open_runs.took(i, one.done)
+        for i, entry in enumerate(planned):
+            assert entry.done is not None
+            open_runs.took(i, entry.done)
         counts = (0,) * len(studies)
         return Merged(taken, counts, (), tuple(open_runs.close()))
 
 
 @contextlib.contextmanager
 def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") -> Iterator[None]:
-    """Hold a results folder, in which everything can be written."""
+    """Lock a results folder, and require that everything in it can be written."""
     _require_distinct(studies)
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
@@ -257,7 +257,7 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
 
 
 def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
-    """A reference, in time; user code, which might not come back, runs in a process."""
+    """A reference within the time limit; user code runs in a process."""
     where = f"{spec.label}: no reference at t = {t:g}"
     if is_code(spec):
         try:
@@ -273,23 +273,23 @@ def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
     return reference.solution(spec.load(), t, watch)
 
 
-def _looked_after(one: Planned, references: References, store: Store) -> Planned:
-    """A kept cell that lacks its reference is to run as soon as there is one."""
-    if one.done is None or not one.done.outcome.lacks:
-        return one
+def _looked_after(planned: Planned, references: References, store: Store) -> Planned:
+    """Schedule a kept cell again once its missing reference can be computed."""
+    if planned.done is None or not planned.done.outcome.lacks:
+        return planned
     try:
-        references.of(one.cell.problem, one.cell.reached)
+        references.of(planned.cell.problem, planned.cell.reached)
     except NoReference as error:
-        done = _without_reference(one.done, str(error))
-        if done.outcome.lacks != one.done.outcome.lacks:
-            store.keep(one.cell, done)
-        return replace(one, done=done)
-    return replace(one, done=None, why="its reference can be computed now")
+        done = _without_reference(planned.done, str(error))
+        if done.outcome.lacks != planned.done.outcome.lacks:
+            store.keep(planned.cell, done)
+        return replace(planned, done=done)
+    return replace(planned, done=None, why="its reference can be computed now")
 
 
 def _without_reference(done: Done, reason: str) -> Done:
-    """A cell whose errors are empty, if it came far enough to measure them, says why."""
-    if not any(found.measure == "error" for found in done.outcome.measurements):
+    """Note why the errors of a cell are empty, if it got far enough to measure them."""
+    if not any(row.measure == "error" for row in done.outcome.measurements):
         return done
     return replace(done, outcome=replace(done.outcome, lacks=(reason,)))
 
@@ -324,7 +324,7 @@ def _counted(count: int, one: str, many: str) -> str:
 
 
 class _OpenRuns:
-    """Studies whose cells are coming in; each is written when it is complete."""
+    """Studies in progress; each is written when it is complete."""
 
     def __init__(
         self, studies: Sequence[Study], folder: Path, options: Options, planned: Sequence[Planned]
@@ -332,7 +332,7 @@ class _OpenRuns:
         self._studies, self._folder, self._options = studies, folder, options
         self._planned = planned
         self._places = [
-            [i for i, one in enumerate(planned) if one.study == s] for s in range(len(studies))
+            [i for i, entry in enumerate(planned) if entry.study == s] for s in range(len(studies))
         ]
         self._done: dict[int, Done] = {}
         self._paths: dict[int, Path] = {}
@@ -370,12 +370,12 @@ class _OpenRuns:
 
 
 def _complaints(cell: Cell, outcome: Outcome) -> list[str]:
-    """In which ways a cell did not end well, as a sentence whose subject is cells."""
-    said = []
+    """How a cell did not end well, in phrases whose subject is cells."""
+    complaints = []
     if outcome.status not in ("ok", *cell.accept):
         how = "failed" if outcome.status == "failed" else f"ended with status {outcome.status}"
-        said.append(f"{how}: {outcome.reason}" if outcome.reason else how)
-    return said + [f"measured no error: {reason}" for reason in outcome.lacks]
+        complaints.append(f"{how}: {outcome.reason}" if outcome.reason else how)
+    return complaints + [f"measured no error: {reason}" for reason in outcome.lacks]
 
 
 def _cost(cell: Cell) -> int:
@@ -387,9 +387,9 @@ def _cost(cell: Cell) -> int:
     return cell.weight * unknowns * per_unknown**2
 
 
-def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) -> Path:
+def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) -> Path:
     cells = study.cells()
-    outcomes = [done.outcome for done in found]
+    outcomes = [done.outcome for done in ended]
     path = folder / f"{study.study}.csv"
     table = results.rows(study.study, cells, outcomes)
     columns = present(results.COLUMNS, table)
@@ -406,10 +406,10 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
         for file, text in texts.items()
     }
     record = provenance.record(study, cells, outcomes, len(table), checksums)
-    run = provenance.run(study, found, options.jobs, checksums)
+    run = provenance.run(study, ended, options.jobs, checksums)
     for cell, recorded in zip(cells, run["cells"], strict=True):
         recorded["kept_as"] = file_name(cell)
-    record |= {key: said for key, said in _of_problems(cells).items() if said}
+    record |= {key: facts for key, facts in _of_problems(cells).items() if facts}
     with interrupts.postponed():
         results.replace(folder, study.study, texts, record, run)
         prune.finished(folder, study)
@@ -417,7 +417,7 @@ def _write(study: Study, folder: Path, found: Sequence[Done], options: Options) 
 
 
 def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
-    """What verdicts, figures and readers must know of problems, by kind and problem."""
+    """Facts of problems for verdicts, figures and readers, by kind and problem."""
     longest: dict[ProblemSpec, tuple[float, float]] = {}
     for cell in cells:
         if cell.steps > 0:
@@ -426,9 +426,9 @@ def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
     facts = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
     known: dict[str, dict[str, Any]] = {
         "motions": {
-            label: {"singular": list(each.singular), "still": each.still}
-            for label, each in facts.items()
-            if each != motion.Facts()
+            label: {"singular": list(of_motion.singular), "still": of_motion.still}
+            for label, of_motion in facts.items()
+            if of_motion != motion.Facts()
         },
         "problem_files": {},
         "titles": {},

@@ -109,8 +109,8 @@ class Store:
         ]
         same_problem = [other for other in others if other["key"].get("problem") == key.problem]
         if same_problem:
-            told = same_problem[-1].get("versions")
-            before, now = told if isinstance(told, dict) else {}, versions()
+            recorded = same_problem[-1].get("versions")
+            before, now = recorded if isinstance(recorded, dict) else {}, versions()
             changed = [
                 f"{name} {before.get(name, 'not recorded')} -> {now[name]}"
                 for name in unlike(before, now)
@@ -144,14 +144,14 @@ class Store:
 
 @cache
 def _adapter() -> "TypeAdapter[Done]":
-    """How a cell that has ended stands in its file, beside what it is."""
+    """Reads and writes the record of a finished cell."""
     from pydantic import TypeAdapter
 
     return TypeAdapter(Done)
 
 
 def _done(record: Mapping[str, Any]) -> Done | None:
-    """The cell in a record; None if there is none, or it cannot be used."""
+    """The cell in a record; None if there is none, or it is unusable."""
     try:
         return _adapter().validate_python(record)
     except ValueError:
@@ -159,7 +159,7 @@ def _done(record: Mapping[str, Any]) -> Done | None:
 
 
 def _worth(done: Done | None) -> int:
-    """Least if there is none, more if it failed, most if it lacks nothing."""
+    """Rank of a result: missing, failed, lacking a reference, complete."""
     if done is None:
         return 0
     if done.outcome.status == "failed":
@@ -189,7 +189,7 @@ def core() -> str:
         *(package / "study" / f"{name}.py" for name in ("axes", "compute", "measures")),
     ]
     # The package's own version says nothing that its code does not.
-    libraries = {name: found for name, found in versions().items() if name != "newmark-study"}
+    libraries = {name: v for name, v in versions().items() if name != "newmark-study"}
     digest = hashlib.sha256(json.dumps(libraries, sort_keys=True).encode())
     for file in files:
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
