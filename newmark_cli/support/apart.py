@@ -138,7 +138,7 @@ def _put_back(owner: Hashable, process: "_Process") -> None:
 
 
 class _Process:
-    """A separate process that takes one call after the other."""
+    """A separate process that takes one call after another."""
 
     def __init__(self) -> None:
         if not hasattr(os, "fork"):
@@ -164,11 +164,11 @@ class _Process:
         return not self._ended.poll()
 
     def call(
-        self, asked: bytes, timeout: float | None, stopped: Callable[[], bool]
+        self, request: bytes, timeout: float | None, stopped: Callable[[], bool]
     ) -> tuple[bool, Any]:
         """Whether a call succeeds, and its result or error."""
         with contextlib.suppress(OSError):  # it has ended; the code says how
-            self._connection.send_bytes(pickle.dumps((_folder(), sys.path, asked)))
+            self._connection.send_bytes(pickle.dumps((_folder(), sys.path, request)))
         until = None if timeout is None else time.monotonic() + timeout
         while not wait([self._connection, self._ended], _LOOK):
             if stopped():
@@ -214,7 +214,7 @@ def _folder() -> str | None:
 
 
 class _Server:
-    """The process that forks, seen from the one that asks for processes."""
+    """The fork server, as seen from the process that uses it."""
 
     def __init__(self) -> None:
         self._control, theirs = socket.socketpair()
@@ -235,7 +235,7 @@ class _Server:
 
 @functools.cache
 def _server(pid: int) -> _Server:
-    """Of this process: a fork of it has its own."""
+    """The server of this process; a fork gets its own."""
     return _Server()
 
 
@@ -243,7 +243,7 @@ def _server(pid: int) -> _Server:
 
 
 def _serve(descriptor: int) -> None:
-    """Fork for everyone who asks; ends with who has started it."""
+    """Fork on request, until the requesting process ends."""
     importlib.import_module(_FIRST)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those who wait
     with socket.socket(fileno=descriptor) as control:
@@ -251,8 +251,8 @@ def _serve(descriptor: int) -> None:
             if _fork() == 0:
                 control.close()
                 _watch(*map(Connection, descriptors))
-            for each in descriptors:
-                os.close(each)
+            for fd in descriptors:
+                os.close(fd)
             importlib.import_module(_REST)
 
 
@@ -264,7 +264,7 @@ def _fork() -> int:
 
 
 def _watch(connection: Connection, ends: Connection) -> None:
-    """Have a process work, end it when nobody waits for its answers, and tell its code."""
+    """Fork a worker, kill it when its caller hangs up, and report its exit code."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     pid = _fork()
     if pid == 0:
@@ -286,7 +286,7 @@ def _kill_at_hangup(connection: Connection, pid: int) -> None:
 
 
 def _work(connection: Connection) -> None:
-    """Answer calls until nobody asks."""
+    """Answer calls until the caller hangs up."""
     global _inside
     _inside = True
     _server.cache_clear()
@@ -295,19 +295,19 @@ def _work(connection: Connection) -> None:
     try:
         connection.send_bytes(b"ready")
         while True:
-            folder, sys.path[:], asked = pickle.loads(connection.recv_bytes())
-            connection.send_bytes(_answered(folder, asked))
+            folder, sys.path[:], request = pickle.loads(connection.recv_bytes())
+            connection.send_bytes(_answered(folder, request))
     except (EOFError, OSError):
         exit_now(0)
     finally:
         exit_now(1)
 
 
-def _answered(folder: str | None, asked: bytes) -> bytes:
+def _answered(folder: str | None, request: bytes) -> bytes:
     try:
         if folder is not None:
             os.chdir(folder)
-        function, arguments = pickle.loads(asked)
+        function, arguments = pickle.loads(request)
         answer = pickle.dumps((True, function(*arguments)))
     except InputError as error:
         # Dask teaches pickle to take these along, and they may be of what cannot be pickled.

@@ -22,14 +22,14 @@ _warned: set[str] = set()
 
 
 class _Cache(FunctionCache):
-    """The cache of one function, which may be on a disk that is full."""
+    """The cache of one function, on a disk that may be full."""
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Compiled code that is kept; None where it is to be compiled now."""
-        found = super().load_overload(signature, context)
-        if found is None:
+        code = super().load_overload(signature, context)
+        if code is None:
             compiling.begins()
-        return found
+        return code
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep compiled code; where it cannot be kept, say so once."""
@@ -77,17 +77,17 @@ def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
     with contextlib.suppress(OSError):
         return path.read_bytes()
     compiling.begins()
-    made = make()
+    content = make()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(made)
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         os.replace(file.name, path)
     except OSError as error:
         _warn(str(path.parent), f"{path.parent}: {error.strerror}")
-    return made
+    return content
 
 
 def are_kept(function: Any, name: str) -> bool:
@@ -97,7 +97,7 @@ def are_kept(function: Any, name: str) -> bool:
 
 
 def _place(function: Any, name: str) -> Path | None:
-    """Where a file stands beside a function's compiled code; None where nothing can."""
+    """Path of a file beside a function's compiled code; None if nothing can be kept."""
     try:
         return Path(FunctionCache(function).cache_path) / f"{name}.o"
     except RuntimeError:  # no locator
@@ -115,9 +115,9 @@ def bitcode(function: Any, signature: tuple[Any, ...]) -> tuple[str, bytes]:
         Its name in the code, and the code.
     """
     function.compile(signature)
-    found = function.overloads[signature]
+    compiled = function.overloads[signature]
     # What numba links a callee from; of what was read from disk it shows no text.
-    return found.fndesc.llvm_func_name, found.library._get_module_for_linking().as_bitcode()
+    return compiled.fndesc.llvm_func_name, compiled.library._get_module_for_linking().as_bitcode()
 
 
 def _warn(folder: str, why: str) -> None:

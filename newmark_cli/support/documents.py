@@ -129,17 +129,17 @@ class Mistakes:
     """
 
     def __init__(self) -> None:
-        self._found: dict[Mistake, None] = {}
+        self._mistakes: dict[Mistake, None] = {}
         self._more, self._stopped = 0, False
 
     @property
     def full(self) -> bool:
         """Whether what comes now is only counted."""
-        return len(self._found) >= MOST_REPORTED
+        return len(self._mistakes) >= MOST_REPORTED
 
     def note(self, error: DocumentError) -> None:
         """Take up the mistakes of an error, each once."""
-        self._found.update(dict.fromkeys(error.mistakes))
+        self._mistakes.update(dict.fromkeys(error.mistakes))
         self._more += error.more
 
     def stop(self) -> None:
@@ -156,11 +156,11 @@ class Mistakes:
 
     def refuse(self, more: int = 0) -> None:
         """Raise what was gathered, and the number of ``more`` mistakes, as one `DocumentError`."""
-        if not self._found:
+        if not self._mistakes:
             return
-        found = sorted(self._found, key=lambda mistake: mistake.line)
-        more += self._more + len(found[MOST_REPORTED:])
-        raise DocumentError(found[0].text, found[:MOST_REPORTED], more, self._stopped)
+        mistakes = sorted(self._mistakes, key=lambda mistake: mistake.line)
+        more += self._more + len(mistakes[MOST_REPORTED:])
+        raise DocumentError(mistakes[0].text, mistakes[:MOST_REPORTED], more, self._stopped)
 
 
 @dataclass(frozen=True)
@@ -208,17 +208,17 @@ class Document:
         """
         lines = dict(self.lines)
 
-        def walk(value: Any, path: KeyPath, given: KeyPath) -> Any:
-            lines[path] = self.lines.get(given, self.line(given))
+        def walk(value: Any, path: KeyPath, original: KeyPath) -> Any:
+            lines[path] = self.lines.get(original, self.line(original))
             if isinstance(value, list):
-                return [walk(item, (*path, i), (*given, i)) for i, item in enumerate(value)]
+                return [walk(item, (*path, i), (*original, i)) for i, item in enumerate(value)]
             if not isinstance(value, dict) or not leaves.isdisjoint(path):
                 return value
             for name, usual in names.items():
                 if name in value and usual in value:
-                    raise self.error((*given, name), f"is the same as {usual}; give one of them")
+                    raise self.error((*original, name), f"is the same as {usual}; give one of them")
             return {
-                names.get(key, key): walk(item, (*path, names.get(key, key)), (*given, key))
+                names.get(key, key): walk(item, (*path, names.get(key, key)), (*original, key))
                 for key, item in value.items()
             }
 
@@ -251,7 +251,7 @@ REPORTED = object()
 
 @dataclass(frozen=True)
 class _Unknown:
-    """In place of the value of an unknown key, so that the other keys are checked too."""
+    """Stands for the value of an unknown key, so that other keys are still checked."""
 
     model: "type[StrictModel]"
     key: str
@@ -294,13 +294,13 @@ class StrictModel(BaseModel):
 
 
 def unknown_name(
-    kind: str, given: object, allowed: Iterable[str], said: str = ""
+    kind: str, value: object, allowed: Iterable[str], said: str = ""
 ) -> PydanticCustomError:
     """Error for a validator: a name that is not among those allowed, and what is said of it."""
     return PydanticCustomError(
         "unknown_name",
         "unknown {kind} {given}{said}{nearest}",
-        {"kind": kind, "given": _short(given), "said": said, "nearest": nearest(given, allowed)},
+        {"kind": kind, "given": _short(value), "said": said, "nearest": nearest(value, allowed)},
     )
 
 
@@ -483,7 +483,7 @@ class _Reader:
         return data
 
     def _value(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
-        """Data of an event and of those that belong to it."""
+        """Data of an event and those that belong to it."""
         event, events = self._referred(event, events)
         self.lines.setdefault(path, _line(event))
         self._count(event)
@@ -498,7 +498,7 @@ class _Reader:
         return data
 
     def _referred(self, event: Any, events: Iterator[Any]) -> tuple[Any, Iterator[Any]]:
-        """An event, and what follows it: of an alias, those that it refers to."""
+        """An event and its successors; for an alias, those it refers to."""
         if not isinstance(event, yaml.AliasEvent):
             return event, events
         anchor = str(event.anchor)
@@ -550,7 +550,7 @@ def _line(event: Any) -> int:
 
 
 def _until_end(events: Iterator[Any]) -> Iterator[Any]:
-    """Events that begin the entries of a collection; each is read to its end in between."""
+    """First events of a collection's entries; the caller reads each to its end."""
     for event in events:
         if isinstance(event, yaml.CollectionEndEvent):
             return
@@ -558,7 +558,7 @@ def _until_end(events: Iterator[Any]) -> Iterator[Any]:
 
 
 def _inside(event: Any, events: Iterator[Any]) -> Iterator[Any]:
-    """All events of a collection behind its first."""
+    """All events of a collection after its first."""
     depth = int(isinstance(event, yaml.CollectionStartEvent))
     while depth:
         following = next(events)
@@ -580,7 +580,7 @@ def plain(text: str) -> Any:
 
 
 def _apart(detail: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """A pydantic error, and those that `together` put behind it."""
+    """A pydantic error, and those that `together` attached to it."""
     yield detail
     for error in detail.get("ctx", {}).get("also", ()):
         yield {**detail, "msg": error.message(), "ctx": error.context}
@@ -602,7 +602,7 @@ def _place(
 
 
 def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
-    """Messages for one pydantic error, in one line or several."""
+    """Messages for one pydantic error."""
     value, context = detail["input"], detail.get("ctx", {})
     message = detail["msg"].removeprefix("Value error, ")
     # Names that a literal may be, as pydantic lists them.

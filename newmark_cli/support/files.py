@@ -98,7 +98,7 @@ def descriptor_of_own(path: Path) -> int:
 
 
 def _open(path: Path, flags: int, links: bool = False) -> int:
-    """`os.open`, which follows a symbolic link only if it may."""
+    """`os.open` that follows a symbolic link only if allowed."""
     if not links and not _NO_LINK and path.is_symlink():
         raise OSError(errno.ELOOP, "it is a symbolic link", str(path))
     try:
@@ -274,7 +274,7 @@ def new_folder(
 
 
 def _others(target: Path, is_ours: Callable[[Path], bool], force: bool) -> list[str]:
-    """Names of the entries of a folder that may not be replaced, which it has only by force."""
+    """Entries of a folder that may not be replaced; refuses them without ``force``."""
     try:
         mode = target.lstat().st_mode
     except FileNotFoundError:
@@ -370,7 +370,7 @@ def temporaries(folder: Path) -> Iterator[tuple[Path, str]]:
 
 
 def _temporary(path: Path, content: str | bytes) -> Path:
-    """A file next to another, with new content and the mode of the other."""
+    """A new temporary file next to another, with its mode."""
     mode = _mode(path)
     descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     temporary = Path(name)
@@ -388,7 +388,7 @@ def _temporary(path: Path, content: str | bytes) -> Path:
 
 
 def _mode(path: Path) -> int:
-    """Mode of a regular file, or the one that a new file gets; OSError for a folder."""
+    """Mode of a regular file, or that of a new file; OSError for a folder."""
     with contextlib.suppress(FileNotFoundError):
         mode = path.lstat().st_mode
         if stat.S_ISREG(mode):

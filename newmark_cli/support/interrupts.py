@@ -25,8 +25,6 @@ if hasattr(signal, "SIGHUP"):  # not on Windows
 
 
 class _State:
-    """What a signal finds."""
-
     postponed = 0
     raises = 0
     arrived: int | None = None

@@ -81,17 +81,17 @@ def with_definitions(written: JsonSchema, title: str) -> JsonSchema:
             return int(part)
         if not isinstance(part, dict):
             return part
-        found = {
+        schema = {
             key: {name: moved(item) for name, item in value.items()}
             if key in ("properties", "$defs")
             else moved(value)
             for key, value in part.items()
         }
         # Pydantic gives models their class's name as title.
-        name = found.pop("title", None)
+        name = schema.pop("title", None)
         if not isinstance(name, str):
-            return found
-        definitions[name] = found
+            return schema
+        definitions[name] = schema
         return {"$ref": f"#/$defs/{name}"}
 
     for name, definition in written.pop("$defs").items():

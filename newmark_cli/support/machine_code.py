@@ -70,16 +70,16 @@ def generate_call(context: Any, builder: Any, signature: Any, arguments: Any) ->
 
     Arrays are handed on as where their data stand.
     """
-    given = [
+    values = [
         context.make_array(kind)(context, builder, value).data
         if isinstance(kind, types.Array)
         else value
         for kind, value in zip(signature.args[1:], arguments[1:], strict=True)
     ]
     result = context.get_value_type(signature.return_type)
-    kind = type(builder.function.ftype)(result, [value.type for value in given])
-    found = builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), given)
-    return context.get_dummy_value() if signature.return_type == types.void else found
+    kind = type(builder.function.ftype)(result, [value.type for value in values])
+    call = builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), values)
+    return context.get_dummy_value() if signature.return_type == types.void else call
 
 
 def target() -> Any:

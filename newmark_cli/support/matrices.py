@@ -43,24 +43,26 @@ def read(
             a matrix of finite real numbers.
     """
     suffix = path.suffix.lower()
-    found: dict[str, Any]
+    matrices: dict[str, Any]
     if path.is_dir():
         places = {name: path / f"{name}.mtx" for name in names}
-        found = {name: _market(file) for name, file in places.items() if file.exists()}
+        matrices = {name: _market(file) for name, file in places.items() if file.exists()}
         places_of = {name: str(file) for name, file in places.items()}
     elif suffix == ".mtx":
-        found = {next(iter(names)): _market(path)}
+        matrices = {next(iter(names)): _market(path)}
         places_of = dict.fromkeys(names, str(path))
     elif suffix == ".npz":
-        found = _archive(path, names)
+        matrices = _archive(path, names)
         places_of = {name: f"{path}: {name}" for name in names}
     else:
         raise MatrixError(f"{path}: must be an .npz file, an .mtx file or a folder of .mtx files")
-    if not found:
+    if not matrices:
         what, ending = ("folder", ".mtx") if path.is_dir() else ("file", "")
         listed = ", ".join(f"{name}{ending}" for name in names)
         raise MatrixError(f"{path}: the {what} has none of {listed}")
-    return {name: array_of(given, places_of[name], dimensions) for name, given in found.items()}
+    return {
+        name: array_of(matrix, places_of[name], dimensions) for name, matrix in matrices.items()
+    }
 
 
 def text_of(path: Path, name: str) -> str | None:
@@ -69,12 +71,12 @@ def text_of(path: Path, name: str) -> str | None:
     Raises:
         MatrixError: As `read`.
     """
-    given = _archive(path, (name,)).get(name) if path.suffix.lower() == ".npz" else None
-    if given is None:
+    array = _archive(path, (name,)).get(name) if path.suffix.lower() == ".npz" else None
+    if array is None:
         return None
-    if given.dtype.kind != "U" or given.size != 1:
+    if array.dtype.kind != "U" or array.size != 1:
         raise MatrixError(f"{path}: {name} must be one text, such as 'u=8,lambda=7'")
-    return str(given.reshape(())[()])
+    return str(array.reshape(())[()])
 
 
 def _content(path: Path) -> io.BytesIO:
@@ -85,7 +87,7 @@ def _content(path: Path) -> io.BytesIO:
 
 
 def _archive(path: Path, names: Collection[str]) -> dict[str, np.ndarray[Any, Any]]:
-    """Name → array of an .npz file; NumPy unpickles none, and unpacks what the directory tells."""
+    """Name → array of an .npz file, without unpickling or unpacking beyond the limit."""
     content = _content(path)
     at = str(path)
     try:
@@ -95,11 +97,11 @@ def _archive(path: Path, names: Collection[str]) -> dict[str, np.ndarray[Any, An
             size = sum(sizes.get(f"{name}.npy", 0) for name in wanted)
             if size > MOST_BYTES:
                 raise MatrixError(f"{path}: unpacks to {size} bytes, at most {MOST_BYTES}")
-            found = {}
+            arrays = {}
             for name in wanted:
                 at = f"{path}: {name}"
-                found[name] = np.asarray(archive[name])
-            return found
+                arrays[name] = np.asarray(archive[name])
+            return arrays
     except MatrixError:
         raise
     except Exception as error:  # zip, zlib and NumPy have many for what is damaged
@@ -134,16 +136,16 @@ def _market(path: Path) -> Array:
     return np.asarray(dense[:, 0] if columns == 1 else dense)
 
 
-def array_of(given: Any, where: str, dimensions: tuple[int, ...] = (1, 2)) -> Array:
+def array_of(value: Any, where: str, dimensions: tuple[int, ...] = (1, 2)) -> Array:
     """Finite real numbers, from whatever is an array of some dimensions, dense or sparse.
 
     Raises:
         MatrixError: For anything else, and for more rows or columns than `MOST_ROWS`.
     """
-    if callable(getattr(given, "toarray", None)):
-        given = given.toarray()
+    if callable(getattr(value, "toarray", None)):
+        value = value.toarray()
     try:
-        array = np.asarray(given)
+        array = np.asarray(value)
     except ValueError:
         array = np.empty(0, object)
     if array.dtype.kind == "c":
@@ -173,10 +175,10 @@ def _by(shape: tuple[int, ...]) -> str:
 
 
 def require_shapes(
-    found: Mapping[str, Array], wanted: Mapping[str, tuple[int, ...]], where: str
+    arrays: Mapping[str, Array], wanted: Mapping[str, tuple[int, ...]], where: str
 ) -> None:
     """Refuse arrays of other shapes; raises `MatrixError` for the first that does not fit."""
     for name, shape in wanted.items():
-        if name in found and found[name].shape != shape:
-            given = _by(found[name].shape)
-            raise MatrixError(f"{where}: {name} must be {_by(shape)}, given {given}")
+        if name in arrays and arrays[name].shape != shape:
+            actual = _by(arrays[name].shape)
+            raise MatrixError(f"{where}: {name} must be {_by(shape)}, given {actual}")

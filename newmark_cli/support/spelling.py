@@ -9,21 +9,21 @@ _MOST_COMPARED = 2_000
 _MOST_LISTED = 40
 
 
-def nearest(given: object, allowed: Iterable[str]) -> str:
+def nearest(name: object, allowed: Iterable[str]) -> str:
     """Text that offers the nearest allowed name and lists all of them, if they are not many."""
-    allowed = [_short_name(name) for name in islice(allowed, _MOST_COMPARED)]
-    close = closest(given, allowed)
+    allowed = [_short_name(n) for n in islice(allowed, _MOST_COMPARED)]
+    close = closest(name, allowed)
     hint = f"; did you mean {close!r}?" if close else ";"
     listed = [*allowed[:_MOST_LISTED], *(["…"] if len(allowed) > _MOST_LISTED else [])]
     return f"{hint} allowed: {', '.join(listed) or 'none'}"
 
 
-def closest(given: object, allowed: Iterable[str]) -> str | None:
+def closest(name: object, allowed: Iterable[str]) -> str | None:
     """The allowed name that was probably meant, if any; case and kind of hyphen do not matter."""
-    if not isinstance(given, str):
+    if not isinstance(name, str):
         return None
-    names = {_folded(name): name for name in islice(allowed, _MOST_COMPARED)}
-    close = difflib.get_close_matches(_folded(_short_name(given)), names, n=1)
+    names = {_folded(n): n for n in islice(allowed, _MOST_COMPARED)}
+    close = difflib.get_close_matches(_folded(_short_name(name)), names, n=1)
     return names[close[0]] if close else None
 
 
