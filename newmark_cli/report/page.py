@@ -157,7 +157,7 @@ def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
 
 
 def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
-    """Tables that configs define, Tables 1 and 2 of the paper among them."""
+    """Tables that configs define, including Tables 1 and 2 of the paper."""
     reports = []
     for study in dict.fromkeys(slope.study for slope in series):
         ours = [slope for slope in series if slope.study == study]
@@ -170,7 +170,7 @@ def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
 
 
 def _cures(results: Results) -> list[Report]:
-    """Which cure cures what; none without results of the study."""
+    """Tables of cures; none without results of the study."""
     try:
         return [cures.report(cures.build(results))]
     except ResultsError:

@@ -82,7 +82,7 @@ def figures(
                 continue
             slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
             for figure in _arranged(study, definition, kind, slopes, slugs, titles):
-                name = free(figure.name, [each.name for each in arranged])
+                name = free(figure.name, [other.name for other in arranged])
                 arranged.append(replace(figure, name=name))
     return arranged
 
@@ -117,20 +117,22 @@ def _arranged(
     slugs: Slugs,
     titles: Mapping[str, str],
 ) -> Iterator[Figure]:
-    """Figures of one kind of rows; their names may have been taken."""
+    """Figures of one kind of rows; their names may be taken already."""
     order = definition.choice.items()
-    slopes = sorted(slopes, key=lambda s: [_place(some, getattr(s, axis)) for axis, some in order])
+    slopes = sorted(
+        slopes, key=lambda s: [_place(values, getattr(s, axis)) for axis, values in order]
+    )
     grids = list(_all_grids(slopes, definition, kind))
     different = _varying([where for where, _ in grids])
     for where, grid in grids:
         apart = {axis: value for axis, value in where.items() if axis in different}
         name = _name_parts(where, kind, slugs)
         if definition.name:
-            name = [definition.name, *(slugs[each] for each in apart.items())]
+            name = [definition.name, *(slugs[pair] for pair in apart.items())]
         title = _title(where, grid, kind, titles)
         if definition.title is not None:
             title = _own_title(definition.title, apart)
-        parts = [_part(grid, definition, *each, titles) for each in grid.parts]
+        parts = [_part(grid, definition, *pair, titles) for pair in grid.parts]
         yield Figure(
             "-".join((study, *name))[:180],
             title,
@@ -148,7 +150,7 @@ def _arranged(
 def _all_grids(
     slopes: Sequence[Slope], definition: Definition, kind: str
 ) -> Iterator[tuple[dict[str, str], "_Grid"]]:
-    """Grids of all series, and the values of axes that each has one of."""
+    """Grids of all series, each with the values of the axes that it has one of."""
     compared = (*(definition.series or ()), *(definition.panels or ()))
     one_each = [axis for axis in _ONE_EACH if axis not in compared]
     for values, group in grouped(slopes, one_each).items():
@@ -157,7 +159,6 @@ def _all_grids(
 
 
 def _varying(places: Sequence[Mapping[str, str]]) -> set[str]:
-    """Axes that have several values."""
     every = {axis for where in places for axis in where}
     return {axis for axis in every if len({where.get(axis) for where in places}) > 1}
 
@@ -180,26 +181,26 @@ def _part(
 
 
 def _told_apart(grid: "_Grid", definition: Definition, slope: Slope) -> list[str]:
-    """Axes that a legend names of a series: of what was gathered not what goes without saying."""
+    """Axes that a legend names; of gathered series, not those with their usual value."""
     names = list(grid.series)
     if definition.series is not None or len(names) == 1:
         return names
-    every = [each for _, several in grid.parts for each in several]
+    slopes = [s for _, of_panel in grid.parts for s in of_panel]
     shorter = [axis for axis in names if axis != "linear_solver"]
-    if len(grouped(every, shorter)) == len(grouped(every, names)):
+    if len(grouped(slopes, shorter)) == len(grouped(slopes, names)):
         names = shorter
     spared = [axis for axis in names[1:] if axis != "integrator"]
     return [axis for axis in names if axis not in spared or getattr(slope, axis) != _USUAL[axis]]
 
 
 def _place(values: Sequence[str], value: str) -> int:
-    """Place of a value, or of the name of a scaling of one's own, where a definition has it."""
+    """Index of a value in a definition, which may name an own scaling without its factors."""
     return values.index(value if value in values else value.partition("[")[0])
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """Series of one figure: by which axes they differ, and in which panels they stand."""
+    """Series of one figure: the axes that tell series and panels apart."""
 
     series: tuple[str, ...]
     panels: tuple[str, ...]
@@ -210,7 +211,7 @@ class _Grid:
 def _grids(
     slopes: Sequence[Slope], definition: Definition, kind: str
 ) -> Iterator[tuple[dict[str, str], _Grid]]:
-    """Grids of the series of one problem, form and quantity, and what they are apart by."""
+    """Grids of the series of one problem, form and quantity, with the axes that separate them."""
     values = {
         axis: list(dict.fromkeys(getattr(slope, axis) for slope in slopes)) for axis in COMPARABLE
     }
@@ -244,7 +245,7 @@ def _is_gathered(
     apart: Sequence[str],
     kind: str,
 ) -> bool:
-    """Whether one panel has all: no grid, or a cloud of points, as long as it is not crowded."""
+    """Whether one panel holds all series: no full grid, or a scatter, and not crowded."""
     sizes = [len(group) for group in grouped(slopes, [*apart, *panels]).values()]
     single = min(sizes) < len(grouped(slopes, series)) or len(sizes) == 1
     single = single and not set(panels) & set(_PANELS)
@@ -279,14 +280,14 @@ def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence
 
 
 def _panel(definition: Definition, axis: str, value: str, titles: Mapping[str, str]) -> str:
-    """A value that tells panels apart: by its label, a mechanism without one by its title."""
+    """Title of a panel's value: its label, or for a mechanism without one its own title."""
     label = label_of(definition, axis, value)
     own = axis == "problem" and label == value_text(axis, value)
     return titles.get(value, label) if own else label
 
 
 def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str, str]) -> str:
-    """The problem, by its title if it has one, the form, what is in common, what is shown."""
+    """Title from the problem, the form, what all series share, and what is shown."""
     common = grid.parts[0][1][0].key.named()
     varied = (*grid.series, *grid.panels)
     parts = [
@@ -310,8 +311,8 @@ def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str
 
 
 def _own_title(title: str, apart: Mapping[str, str]) -> str:
-    """A title that a definition gives, and what tells this figure from its others."""
-    rest = ", ".join(value_text(*each) for each in apart.items())
+    """A definition's title, with what distinguishes this figure from its siblings."""
+    rest = ", ".join(value_text(*pair) for pair in apart.items())
     return f"{title}: {rest}" if title and rest else title
 
 
@@ -341,7 +342,7 @@ def _name_parts(where: Mapping[str, str], kind: str, slugs: Slugs) -> list[str]:
 
 
 def _slugs(slopes: Iterable[Slope]) -> Slugs:
-    """Values of axes as parts of file names: safe, and different where the values are."""
+    """Unique, safe parts of file names for the values of axes."""
     known: dict[tuple[str, str], str] = {}
     taken: set[tuple[str, str]] = set()
     for slope in slopes:
@@ -349,7 +350,7 @@ def _slugs(slopes: Iterable[Slope]) -> Slugs:
             if (axis, value) not in known:
                 slug = _slug(re.sub(r"\.ya?ml$", "", value.partition("[")[0]))
                 numbered = (slug, *(f"{slug}-{i}" for i in range(2, 2 + len(taken))))
-                slug = next(one for one in numbered if (axis, one) not in taken)
+                slug = next(candidate for candidate in numbered if (axis, candidate) not in taken)
                 taken.add((axis, slug))
                 known[axis, value] = slug
     return known
@@ -362,6 +363,6 @@ def _slug(text: str) -> str:
 def free(name: str, taken: Iterable[str]) -> str:
     """A name that no file has yet: this one, or this one and a number."""
     # On some machines files that differ in case are one.
-    known = {one.lower() for one in taken}
+    known = {n.lower() for n in taken}
     numbered = (name if i == 1 else f"{name}-{i}" for i in count(1))
-    return next(one for one in numbered if one.lower() not in known)
+    return next(n for n in numbered if n.lower() not in known)

@@ -98,7 +98,7 @@ Entry = tuple[tuple[str, str], Any]
 
 
 def _draw(axes: Any, panel: Panel, cycle: Sequence[Mapping[str, Any]]) -> Iterator[Entry]:
-    """Everything but what waits for the layout; returns the entries of the legend."""
+    """Draw a panel, except what waits for the layout; yields legend entries."""
     if panel.scene is not None:
         panel.scene.draw(axes)
         axes.set_aspect("equal")
@@ -134,7 +134,7 @@ _PREDICTED, _LEVELS = "\npredicted", "\nlevels"
 
 
 def _own_look(trace: Trace, cycle: Sequence[Mapping[str, Any]]) -> Look:
-    """The look of a trace, or what a style's cycle has in its place."""
+    """The look of a trace, or that of the style's cycle."""
     if not cycle or trace.place is None:
         return trace.look
     entry = cycle[trace.place % len(cycle)]
@@ -147,7 +147,7 @@ def plain(text: str) -> str:
 
 
 def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
-    """Points, joined but for those that stand apart; returns the handle for the legend."""
+    """Draw points, joined unless they stand apart; returns the handle for the legend."""
     shown = trace.shown(panel.x_scale, panel.y_scale)
     joined, hollow = shown & ~trace.apart, shown & (trace.ruled | trace.apart)
     uncertain = shown & trace.uncertain
@@ -173,7 +173,7 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
 
 
 def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
-    """Ticks by powers of ten, and no names of ticks that the next panel has, too."""
+    """Ticks at powers of ten, labelled once where neighbouring panels share them."""
     panel, count = sheet.panels[place], len(sheet.panels)
     if sheet.share_x and place + sheet.columns >= count:
         axes.tick_params(labelbottom=True)  # nothing stands below it
@@ -220,7 +220,7 @@ def _number(value: float, position: int | None = None) -> str:
 
 
 def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> None:
-    """Below the panels, in as many columns as fit; of several groups a column for each."""
+    """Legend below the panels, in as many columns as fit, or a column for each group."""
     blocks = _blocks(sheet, entries)
     if not any(blocks):
         return
@@ -245,7 +245,7 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
 
 
 def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[tuple[str, Any]]]:
-    """Entries of each group, under a heading where there are several."""
+    """Legend entries by group, with headings if there are several groups."""
     groups: dict[str, dict[str, Any]] = {}
     for (group, text), handle in entries.items():
         groups.setdefault(group, {})[text] = handle
@@ -269,7 +269,7 @@ _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 
 
 def _layouts(blocks: Sequence[Sequence[Any]]) -> Iterator[list[list[Any]]]:
-    """Columns of a legend, the lowest first: blocks side by side, then one below the other."""
+    """Columns of a legend, the lowest layout first: blocks side by side, then stacked."""
     headed = len(blocks) > 1
     if headed:
         yield _filled(blocks)
@@ -288,13 +288,13 @@ def _layouts(blocks: Sequence[Sequence[Any]]) -> Iterator[list[list[Any]]]:
 
 
 def _filled(columns: Sequence[Sequence[Any]]) -> list[list[Any]]:
-    """Columns of the same length."""
+    """Pad columns to the same length."""
     tallest = max(map(len, columns))
     return [[*column, *[("", _BLANK)] * (tallest - len(column))] for column in columns]
 
 
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
-    """Fix all places, widths first, as lines depend on them; `UserWarning` if there is no room."""
+    """Lay out the figure, widths first; `UserWarning` if there is no room."""
     engine: Any = drawing.get_layout_engine()
     rows = -(-len(grid) // sheet.columns)
     with warnings.catch_warnings(), _without_minor_ticks(grid):
@@ -330,7 +330,7 @@ def _height(grid: Sequence[Any], sheet: Sheet) -> Any:
 
 @contextmanager
 def _without_minor_ticks(grid: Sequence[Any]) -> Iterator[None]:
-    """They take no room, but time."""
+    """Minor ticks take no room in the layout, but time."""
     every = [axis for axes in grid for axis in (axes.xaxis, axes.yaxis)]
     locators = [axis.get_minor_locator() for axis in every]
     for axis in every:
@@ -341,7 +341,7 @@ def _without_minor_ticks(grid: Sequence[Any]) -> Iterator[None]:
 
 
 def _write_labels(drawing: Figure, grid: Sequence[Any], sheet: Sheet, tall: float) -> None:
-    """What axes show; what is the same in all panels of a row, or of the sheet, once."""
+    """Axis labels; one that all panels of a row or of the sheet share is written once."""
     panels, columns = sheet.panels, sheet.columns
     count, rows = len(panels), -(-len(panels) // columns)
     if columns > 1 and len({panel.x_label for panel in panels}) == 1:
@@ -361,7 +361,7 @@ def _write_labels(drawing: Figure, grid: Sequence[Any], sheet: Sheet, tall: floa
 
 
 def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
-    """Titles, above a grid and beside it once, and below each the fitted slopes of the panel."""
+    """Titles above the panels and beside a grid, with the fitted slopes below them."""
     panel, columns = sheet.panels[place], sheet.columns
     while axes.texts and axes.texts[-1].get_label() == "title":
         axes.texts[-1].remove()
@@ -395,7 +395,7 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
 
 
 def _fits(panel: Panel) -> tuple[list[str], list[str]]:
-    """Fitted slopes of a panel with a title, and how many values are 0: by name, and in short."""
+    """Fitted slopes of a panel with a title, and its number of zeros: with labels, and in short."""
     fitted = [t for t in panel.traces if t.fit and panel.titles]
     fits = [f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}" for t in fitted]
     short = [t.fit.replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
@@ -426,7 +426,7 @@ _WORD, _FIXED = re.compile(r"(?:\$[^$]*\$|[^ \n])+"), "\u00a0"
 
 
 def _wrapped(probe: Any, text: str, most: float) -> str:
-    """A text in lines of at most so many pixels, where words allow it; `probe` will have it."""
+    """Break a text into lines of at most `most` pixels; measures, and changes, `probe`."""
     lines: list[str] = []
     side = "height" if probe.get_rotation() else "width"
 
@@ -457,7 +457,7 @@ def _points(size: Any) -> float:
 
 
 def _write_orders(axes: Any, panel: Panel) -> None:
-    """Each where nothing else is, along its line; nowhere if there is no such place."""
+    """Write predicted orders along their lines, where nothing else is drawn."""
     lines = [line for line in panel.references if line.text]
     taken = [_pixels(axes, line) for line in axes.get_lines()] if lines else []
     inside = axes.get_window_extent()
@@ -482,7 +482,7 @@ def _write_orders(axes: Any, panel: Panel) -> None:
 
 
 def _places(ends: Array, half: Array) -> Iterator[Array]:
-    """Centres of a text beside a line: behind its end, then on either side from there on."""
+    """Candidate centres of a text beside a line, starting behind its end."""
     along = (ends[-1] - ends[0]) / np.linalg.norm(ends[-1] - ends[0])
     yield ends[-1] + along * (half[0] + 3)
     normal = np.array([-along[1], along[0]])
@@ -494,7 +494,7 @@ def _places(ends: Array, half: Array) -> Iterator[Array]:
 
 
 def _pixels(axes: Any, line: Any) -> Array:
-    """(points, 2) places that a line and its markers cover."""
+    """(points, 2) pixels that a line and its markers cover."""
     corners = line.get_transform().transform(line.get_xydata())
     if line.get_linestyle() == "None" or len(corners) < 2:
         return np.asarray(corners)

@@ -86,7 +86,7 @@ class MechanismScene:
 
 
 def _axis_labels(problem: Drawable) -> tuple[str, str]:
-    """Labels of the axes; a spatial mechanism shows the directions of its own."""
+    """Labels of the axes; spatial mechanisms draw their own triad instead."""
     if is_spatial(problem):
         released = getattr(problem, "released", ())
         # The key of the drawing has no room for what is not drawn.
@@ -127,7 +127,7 @@ def mechanism_figure(title: str, problem: Drawable, u: Array) -> Figure:
 
 
 def _length_unit(problem: Drawable) -> tuple[float, str]:
-    """Millimetres for what is a hand wide, metres otherwise."""
+    """Millimetres for a mechanism of less than half a metre, metres otherwise."""
     return (1e3, "mm") if scene(problem, problem.u0).size < 0.5 else (1.0, "m")
 
 
@@ -162,7 +162,7 @@ def _draw(axes: Any, mark: Mark, thin: float) -> None:
 
 
 def _triad(axes: Any, scene: Scene, unit: str) -> None:
-    """The global axes, as long as a round number, to the left and below."""
+    """Draw the global axes, of a round length, at the lower left."""
     spots, size = np.array(scene.places), scene.size
     length = 10.0 ** math.floor(math.log10(0.2 * size))
     length *= max(step for step in (1, 2, 5) if step * length <= 0.2 * size)
@@ -180,7 +180,7 @@ def _triad(axes: Any, scene: Scene, unit: str) -> None:
 
 
 def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
-    """Names of joints, bodies and points, each on the side of its place that has most room."""
+    """Write names of joints, bodies and points, each where there is most room."""
     bold: dict[str, Any] = {"fontsize": 8, "fontweight": "bold"}
     spatial = hasattr(scene.mechanism, "joints")
     named = [(name, ends[1], bold) for name, ends in scene.joints.items()]
@@ -209,7 +209,7 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
 
 
 def _along(places: Any, step: float) -> Array:
-    """Places on a line, not farther from each other than a step."""
+    """Points on a polyline, at most a step apart."""
     parts = [np.asarray(places)]
     for start, end in itertools.pairwise(places):
         share = np.linspace(0, 1, math.ceil(abs(end - start) / step) + 1)

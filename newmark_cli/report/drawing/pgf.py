@@ -42,7 +42,7 @@ def _text(text: str) -> str:
 
 
 def _sign(letter: str) -> str:
-    """A letter in mathematics; empty for one that is a letter of text."""
+    """A letter as a math symbol; empty for a letter of text."""
     if letter.isascii() or letter in _SIGNS:
         return _SIGNS.get(letter, letter)
     words = unicodedata.name(letter, "").split()
@@ -53,7 +53,7 @@ def _sign(letter: str) -> str:
 
 
 class _Renderer(backend_pgf.RendererPgf):
-    """matplotlib's, but for the size of texts and the signs in them."""
+    """matplotlib's renderer, with texts measured and written without LaTeX."""
 
     def get_text_width_height_descent(self, s: str, prop: Any, ismath: Any) -> Any:
         """Of the font of the other formats."""

@@ -68,7 +68,7 @@ def _named(
     choice: Choice,
     notes: list[str],
 ) -> list[Figure]:
-    """Figures of a name: of a figure, a study, or the files of a figure that results arrange."""
+    """Figures that a name stands for: a figure, a study, or one figure of a study."""
     if name in numbered:
         figure = numbered[name]
         if name in studies and figure.study != name:
@@ -87,7 +87,7 @@ def _named(
 def _every(
     studies: Sequence[str], results: Results, choice: Choice, notes: list[str]
 ) -> list[Figure]:
-    """All that the results are enough for."""
+    """All figures that the results suffice for."""
     there, lacking = enough(results)
     figures = [figure for figure in there if _whole(figure, choice)]
     for study in studies:
@@ -117,7 +117,7 @@ def needs_results(names: Sequence[str]) -> bool:
 
 
 def _whole(figure: Figure, choice: Choice) -> bool:
-    """Whether a figure of the project shows nothing but what is chosen."""
+    """Whether a figure of the project shows only chosen series."""
     takes = (choice.takes(curve.key) for curve in figure.curves)
     return not choice or (bool(figure.curves) and all(takes))
 
@@ -153,7 +153,7 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
 
 
 def _defined(study: str, results: Results) -> list[Definition] | None:
-    """Figures that the config of a study defines, by its record."""
+    """Figures in the recorded config of a study."""
     path = results.folder / f"{study}.csv"
     try:
         return definitions(records.known(path).get("config"))
@@ -162,11 +162,11 @@ def _defined(study: str, results: Results) -> list[Definition] | None:
 
 
 def _own(study: str, defined: Sequence[Definition] | None) -> list[Figure]:
-    return [explicit(study, each) for each in defined or () if each.figure]
+    return [explicit(study, definition) for definition in defined or () if definition.figure]
 
 
 def _numbered(studies: Sequence[str], results: Results) -> dict[str, Figure]:
-    """Figures by number or word: the shipped ones, and those of configs of one's own."""
+    """Figures by number or word: the shipped ones, and those of the user's configs."""
     theirs = [study for study in studies if not of_studies([study])]
     own = [figure for study in theirs for figure in _own(study, _defined(study, results))]
     return {figure.name: figure for figure in own} | FIGURES

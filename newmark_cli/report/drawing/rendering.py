@@ -65,7 +65,7 @@ def _files(
 
 
 def _elsewhere(request: tuple[Sequence[Sheet], Any, Any, Any]) -> Sequence[Files | None]:
-    """Files that another process draws; None for those that it does not."""
+    """Files drawn by another process; None for those that it failed to draw."""
     sheets, *rest = request
     try:
         # Pickle takes no read-only mapping.

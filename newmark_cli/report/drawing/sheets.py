@@ -50,7 +50,7 @@ class Results:
         if axis in curve.named or curve.key in self.by_key:
             return curve
         every = (slope.key.named() for slope in self.slopes)
-        chosen = [each for each in every if each | {axis: named[axis]} == named]
+        chosen = [named_axes for named_axes in every if named_axes | {axis: named[axis]} == named]
         return Curve(curve.label, **chosen[0]) if len(chosen) == 1 else curve
 
     def series(self, figure: "Figure") -> dict[SeriesKey, Slope]:
@@ -103,7 +103,7 @@ _MOST_FITS = 4
 
 
 class _Looks:
-    """Name, look and group of every series of a figure."""
+    """Label, look and group of every series of a figure."""
 
     def __init__(self, figure: Figure, slopes: Mapping[SeriesKey, Slope]) -> None:
         groups = {part.group for part in figure.parts}
@@ -147,7 +147,7 @@ def step(h: float) -> str:
 
 
 def _orders(figure: Figure, results: Results) -> Sheet:
-    """Fits in the legend of a single panel, above each of several."""
+    """Series over h, with fits in the legend of a single panel or above each of several."""
     series = results.series(figure)
     looks = _Looks(figure, series)
     panels = []
@@ -179,12 +179,12 @@ def _sheet(figure: Figure, panels: Sequence[Panel], note: str) -> Sheet:
 
 
 def _same(slope: Slope) -> tuple[str, ...]:
-    """What series have in common whose panels can share an ordinate."""
+    """What series must share for their panels to share an ordinate."""
     return slope.problem, slope.quantity, slope.measure
 
 
 def _floors(part: Part, slopes: Mapping[SeriesKey, Slope]) -> list[Trace]:
-    """The predicted floors of measured series, where there are any."""
+    """Predicted floors of the measured series that have them."""
     keys = (floor_of(curve.key) for curve in part.curves)
     return [
         traces.trace(slopes[key], "predicted floor", _FLOOR, "predicted floor")
@@ -194,7 +194,7 @@ def _floors(part: Part, slopes: Mapping[SeriesKey, Slope]) -> list[Trace]:
 
 
 def _work(figure: Figure, results: Results) -> Sheet:
-    """Points of a series joined from the largest step size to the smallest."""
+    """Errors over work, joined from the largest step size to the smallest."""
     slopes, spent = costed(figure, results)
     cost = COSTS[results.cost]
     looks = _Looks(figure, slopes)
@@ -232,13 +232,13 @@ _DRIFTS = {
 
 
 def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
-    """What a figure's cells record over time; raises `ResultsError` when the results lack one."""
+    """Recorded time series of a figure; raises `ResultsError` if one is missing."""
     series, cells = results.by_key, []
     for curve in figure.curves:
         smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan
         cells.append((curve, figure.h or smallest))
     path, recorded = read_recorded(results.folder, figure.study, figure.kind, cells)
-    recorded_of = {c.key: one for c, one in zip(figure.curves, recorded, strict=True) if one}
+    recorded_of = {c.key: r for c, r in zip(figure.curves, recorded, strict=True) if r}
     missing = [curve.label for curve in figure.curves if curve.key not in recorded_of]
     if missing:
         raise lacks(path, figure, missing)
@@ -246,7 +246,7 @@ def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
 
 
 def _history_look(place: int, count: int) -> Look:
-    """Of more curves than three the first are thin, and the last two those of `_OVER_TIME`."""
+    """Look of a curve: thin for all but the last two of more than three."""
     if count <= len(_OVER_TIME) or place == 0:
         return _OVER_TIME[place]
     last = place - count + len(_OVER_TIME)
@@ -285,7 +285,7 @@ def _history(figure: Figure, results: Results) -> Sheet:
         y_scale="linear",
         y_limits=_around(series[-1:], 0.25),
     )
-    whole = replace(
+    full_range = replace(
         zoomed,
         traces=tuple(replace(trace, said="") for trace in series),
         y_scale="symlog",
@@ -295,19 +295,19 @@ def _history(figure: Figure, results: Results) -> Sheet:
     h = figure.h or results.by_key[figure.curves[0].key].h.min()
     note = f"$h$ = {step(float(h))} s; pairs of successive steps"
     farther = span < 0.8 * max(float(np.ptp(trace.y)) for trace in series)
-    panels = (zoomed, whole) if farther else (zoomed,)
+    panels = (zoomed, full_range) if farther else (zoomed,)
     return Sheet(figure.title, panels, note=note, settings=figure.style)
 
 
 def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
-    """Ends of an ordinate around all values, with room on either side as a share of their span."""
+    """Limits around all values, with a margin relative to their span."""
     low = min(float(np.min(trace.y)) for trace in series)
     high = max(float(np.max(trace.y)) for trace in series)
     return low - margin * (high - low), high + margin * (high - low)
 
 
 def _drift(figure: Figure, results: Results) -> Sheet:
-    """Misfits over time on logarithmic ordinates: they differ by ten powers of ten."""
+    """Misfits over time on logarithmic ordinates."""
     recorded = _over_time(figure, results)
     labels = list(dict.fromkeys(curve.label for curve in figure.curves))
     panels = []
@@ -343,7 +343,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
 
 
 def _mechanism(figure: Figure, results: Results) -> Sheet:
-    """A mechanism in its initial position, whatever the results are."""
+    """A mechanism in its initial position; needs no results."""
     from newmark_cli.mechanisms.registry import picture
     from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 

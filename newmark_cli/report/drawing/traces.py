@@ -37,7 +37,7 @@ def fit_text(slope: Slope) -> str:
 
 
 def _judged(slope: Slope) -> bool:
-    """Whether it has a middle, whose slope is that of the series."""
+    """Whether a series has a fitted slope and a predicted one."""
     return slope.verdict in (PASS, MISS) and not math.isnan(slope.expected + slope.fit.slope)
 
 
@@ -133,7 +133,7 @@ def in_words(name: str, slope: Slope) -> str:
 
 
 def _solver_limits(slopes: Sequence[Slope]) -> dict[float, str]:
-    """Meaning of the hollow markers of cells that stagnated: all iterations that were allowed."""
+    """Levels of cells that stagnated: all iterations that were allowed."""
     return {
         float(value): f"no convergence in {value:.0f} iterations"
         for slope in slopes

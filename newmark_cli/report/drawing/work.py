@@ -79,7 +79,7 @@ def _of_cells(record: Mapping[str, Any], key: str) -> dict[tuple[Any, ...], floa
 
 
 def _cell(labels: Mapping[str, Any]) -> tuple[str, ...]:
-    """Labels that tell a cell from others besides its step size, from its record or a series."""
+    """Labels that identify a cell but for its step size, from its record or a series."""
     return tuple(
         axis.same(str(labels.get(axis.name, axis.usual)))
         for axis in axes.cell_axes()

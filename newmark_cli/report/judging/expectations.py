@@ -85,7 +85,7 @@ class Expected:
 
 
 class _NoDataError(Exception):
-    """Results lack what is expected of them; the text says what."""
+    """The results lack what an expectation needs; the text says what."""
 
 
 def series_name(slope: Slope) -> str:
@@ -160,7 +160,7 @@ def expected(
 
 
 def _place(record: Mapping[str, Any], number: int) -> tuple[str, int]:
-    """File and line of an expectation, as the run has recorded them."""
+    """Recorded file and line of an expectation."""
     place = mapping(record, "expect")
     file, lines = place.get("file"), place.get("lines")
     line = lines[number - 1] if isinstance(lines, list) and number <= len(lines) else 0
@@ -174,7 +174,7 @@ _Finding = tuple[str, float, str, str]
 
 
 def _judged(wanted: Expectation, slope: Slope) -> Iterator[tuple[str, _Finding]]:
-    """What is said, and what it comes to: of an order, a level, a spread, a status."""
+    """Each assertion of an expectation in words, with its finding."""
     if wanted.slope is not None:
         assert slope.rejudged is not None
         again = slope.rejudged(wanted.slope, wanted.within)
@@ -200,7 +200,7 @@ def _judged(wanted: Expectation, slope: Slope) -> Iterator[tuple[str, _Finding]]
 
 
 def _level(values: Callable[[], Array], low: float, high: float) -> _Finding:
-    """Of several values the one that is farthest beyond a bound, or else nearest to one."""
+    """Of several values the one farthest beyond a bound, or else nearest to one."""
     try:
         levels = values()
     except _NoDataError as lacking:
@@ -216,7 +216,7 @@ def _at(slope: Slope, h: float) -> Mask:
 
 
 def _points(slope: Slope, h: float | None = None) -> tuple[Array, Array]:
-    """Step sizes, ascending, and values that count, at h or at every step size."""
+    """Ascending step sizes with their values, at h or at every step size."""
     places = np.argsort(slope.h)
     if h is not None:
         places = places[_at(slope, h)[places]]

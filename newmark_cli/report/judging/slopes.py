@@ -68,7 +68,7 @@ COLUMNS = axes.appended(
 )
 #: What each column holds.
 ABOUT: Mapping[str, str] = {
-    **{each.name: each.shows or each.about for each in axes.series_axes() if each.column},
+    **{axis.name: axis.shows or axis.about for axis in axes.series_axes() if axis.column},
     **VALUES,
     "figure": "figures that draw the series",
     "expected": "predicted order; empty where theory predicts none",
@@ -235,7 +235,7 @@ def _slope(
     own: float | None = None,
     within: float | None = None,
 ) -> Slope:
-    """A series, judged by theory's order or by one of the user's, with a tolerance."""
+    """A series judged by the predicted order or the user's, with a tolerance."""
     if key.measure not in RECORDS:
         raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
     record = RECORDS[key.measure]
@@ -268,7 +268,7 @@ def _slope(
 
 
 def _resolved(slope: Slope) -> Slope:
-    """The verdict in view of a fixed rate, whose orders are those of α h much below 1."""
+    """Leave a miss undecided where h does not resolve a fixed rate α: orders need small α h."""
     parameter = Formulation.parse(slope.formulation).parameter
     if slope.verdict != MISS or parameter is None or parameter[0] != "rate":
         return slope
@@ -284,7 +284,7 @@ _SLOW = 0.1
 
 
 def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
-    """The verdict in view of what the motion does; theory is about regular ones."""
+    """The verdict where the motion is singular or still: theory assumes regular motions."""
     if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
         return slope
     if still:
@@ -302,7 +302,7 @@ _OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
 
 
 def _shared(slope: Slope, dropped: Sequence[str] | None) -> Slope:
-    """The series, and that it is about reactions that are not unique, where it is."""
+    """Mark a series of reactions that are not unique."""
     if dropped is None or slope.measure not in _OF_VALUES or slope.quantity not in _SHARED:
         return slope
     reason = f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
@@ -320,7 +320,7 @@ def _judged(
     points: int,
     exact: bool,
 ) -> Judgement:
-    """The verdict on the rows of one series, its points in their order."""
+    """The verdict on one series; points stay in their order."""
     h = np.array(rows["h"], float)
     everything = np.full(len(h), True)
     if not np.isnan(expected):
@@ -366,7 +366,7 @@ _BINADE = math.log(2) / math.sqrt(12)
 
 
 def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Array) -> Array:
-    """(points,) uncertainty of each value, relative to it; NaN where it was not measured."""
+    """(points,) relative uncertainty of each value; NaN where it was not measured."""
     rounding, steps = (np.array(rows[name], float) for name in (ROUNDING, "steps"))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(rounding == 0, 0.0, rounding / values)
@@ -380,14 +380,14 @@ def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Arra
 
 
 def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
-    """The strictest of the figures that draw a series, else that of its measure."""
+    """The strictest tolerance of the figures with the series, else that of its measure."""
     own = [t for name in figures if (t := FIGURES[name].tolerance) is not None]
     default = record.tolerance_at_start if at_start else None
     return min(own, default=record.tolerance if default is None else default)
 
 
 def _failed(key: SeriesKey, role: str) -> Slope:
-    """A cell that failed measured nothing: an incomplete series without a name."""
+    """An incomplete series without a measure, for a cell that failed."""
     none = np.array([])
     return Slope(
         (), key, role, none, none, none, none, (), none.astype(bool), power_law(none, none),
@@ -396,7 +396,7 @@ def _failed(key: SeriesKey, role: str) -> Slope:
 
 
 def _predicted(key: SeriesKey, path: Path) -> float:
-    """Order by theory; NaN where it says nothing."""
+    """Predicted order; NaN where theory says nothing."""
     record = RECORDS[key.measure]
     try:
         for name, known in (("form", FORMS), ("quantity", record.quantities)):

@@ -38,7 +38,7 @@ Entry = str | tuple[str, ...]
 
 
 def _shown(entry: Entry) -> str:
-    """An entry as a terminal may show it, its lines between line feeds."""
+    """An entry as a terminal shows it, its lines separated by line feeds."""
     return visible(entry) if isinstance(entry, str) else "\n".join(map(visible, entry))
 
 
@@ -88,7 +88,7 @@ def markdown(text: str) -> str:
 
 
 def _blocks(rows: Sequence[Sequence[str]], room: int) -> Iterator[list[int]]:
-    """Columns of each table: as many as fit, the first in all of them."""
+    """Columns of each table: as many as fit, always with the first."""
     widths = [most for _, most in _widths(rows)]
     group, used = [0], widths[0]
     for column in range(1, len(widths)):
@@ -101,7 +101,7 @@ def _blocks(rows: Sequence[Sequence[str]], room: int) -> Iterator[list[int]]:
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
-    """(least, natural) width of each column: of its longest word, of its longest line."""
+    """(least, natural) width of each column, from its longest word and line."""
     from rich.cells import cell_len
 
     columns = zip(*(row for row in rows if len(row) > 1 or len(rows[0]) == 1), strict=True)

@@ -154,7 +154,7 @@ def _above(evidence: Evidence, share: float | Array) -> tuple[Mask, str]:
 
 
 def _rounding_alone(evidence: Evidence) -> Judgement:
-    """What theory says to be 0 but for rounding."""
+    """The verdict where theory predicts nothing but rounding."""
     everything = np.isfinite(evidence.h)
     if np.isnan(evidence.uncertainty).any():
         reason = (
@@ -171,7 +171,7 @@ def _rounding_alone(evidence: Evidence) -> Judgement:
 
 
 def _windows(points: Mask) -> Iterator[Mask]:
-    """The points, then without a head in which h may be too coarse, as long as there are enough."""
+    """All points, then ever fewer, without the coarsest, as long as there are enough."""
     places = np.flatnonzero(points)
     for first in range(max(len(places) - LEAST + 1, 0)):
         window = np.full(len(points), False)
@@ -180,7 +180,7 @@ def _windows(points: Mask) -> Iterator[Mask]:
 
 
 def _passed(evidence: Evidence, points: Mask, left: str) -> Judgement | None:
-    """The pass of a series of which theory predicts an order, if it is one."""
+    """The pass of a series with a predicted order, if it passes."""
     dips = _without_dip(evidence, points) if evidence.kind == "truncation" else ()
     for window in (*_windows(points), *dips):
         fit = _fit(evidence, window)
@@ -194,7 +194,6 @@ def _passed(evidence: Evidence, points: Mask, left: str) -> Judgement | None:
 
 
 def _missed(evidence: Evidence, points: Mask, left: str) -> Judgement:
-    """The verdict on a series that does not pass."""
     for window in _windows(points):
         fit = _fit(evidence, window)
         off = abs(fit.slope - evidence.expected) - evidence.tolerance
@@ -210,7 +209,7 @@ def _missed(evidence: Evidence, points: Mask, left: str) -> Judgement:
 
 
 def _without_dip(evidence: Evidence, points: Mask) -> Iterator[Mask]:
-    """The points without one that lies far below its neighbours' line: an error changes sign."""
+    """The points without one far below the line of the others, where an error changes sign."""
     places = np.flatnonzero(points)
     if len(places) <= LEAST:
         return
@@ -222,7 +221,7 @@ def _without_dip(evidence: Evidence, points: Mask) -> Iterator[Mask]:
 
 
 def _left_out(evidence: Evidence, points: Mask, window: Mask) -> str:
-    """Which of the points a pass leaves out, and why."""
+    """Which points a pass leaves out, and why."""
     left, first = np.flatnonzero(points & ~window), int(np.argmax(window))
     if not len(left):
         return ""
@@ -267,7 +266,7 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
 
 
 def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
-    """Why a slope outside the tolerance is no miss; empty where it is one."""
+    """Why a slope outside the tolerance is no miss; empty if it is one."""
     least = float(evidence.values[fitted].min())
     if evidence.kind == "truncation" and least > _SMALL:
         return f"errors of {least:.0%} are not small, which orders are about"
@@ -302,7 +301,7 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
 
 
 def _wanted(evidence: Evidence, points: Mask) -> str:
-    """What would decide a slope whose interval is neither within the tolerance nor outside."""
+    """What would decide a slope whose interval straddles the tolerance."""
     fit, h = _fit(evidence, points), evidence.h[points]
     more = "larger" if len(h) < len(evidence.h) else "smaller"
     if not evidence.values.any():

@@ -142,7 +142,7 @@ def explicit(study: str, definition: Definition) -> Figure:
 
 
 def _parts(definition: Definition, of_all: Mapping[str, str]) -> Iterator[Part]:
-    """Panels: one for each combination of the axes that tell them apart, and group of series."""
+    """Panels: one for each combination of panel axes and group of series."""
     lines = definition.curves or ((Line(),) if definition.series else ())
     groups = dict.fromkeys(line.panel for line in lines)
     # Where groups share no label, each has a legend of its own.
@@ -161,7 +161,7 @@ def _parts(definition: Definition, of_all: Mapping[str, str]) -> Iterator[Part]:
 def _curves(
     definition: Definition, line: Line, at: Mapping[str, str], of_all: Mapping[str, str]
 ) -> Iterator[Curve]:
-    """Series of a line in the panel at some values of axes."""
+    """Series of a line in the panel at these values of axes."""
     choice = {**definition.choice, **line.choice}
     if all(value in choice[axis] for axis, value in at.items()):
         choice |= {axis: (value,) for axis, value in at.items()}

@@ -74,7 +74,7 @@ def read_recorded(
 
 
 def _recorded_names(path: Path, kind: str, columns: Iterable[str]) -> list[str]:
-    """Columns of a file that hold drifts or multipliers; refuses others."""
+    """Columns of drifts or multipliers; refuses others."""
     names = [n for n in columns if n not in (*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)]
     if kind == "drift":
         allowed, usable = ", ".join(DRIFTS), tuple(names) == DRIFTS

@@ -232,7 +232,7 @@ def changed(folder: Path, names: Iterable[str]) -> list[Verified]:
 
 
 def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
-    """Findings on the files of one study, of which there may be no CSV."""
+    """Findings on the files of one study, which may lack its CSV."""
     path = folder / f"{study}.csv"
     contents = results.read(path, series=True)
     file, series = path.with_suffix(".json"), results.series_paths(path)
@@ -280,7 +280,7 @@ def cells_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _counted(cells: Sequence[Mapping[str, Any]]) -> str:
-    """How many cells ended how."""
+    """Number of cells by status."""
     return counted(str(cell.get("status")) for cell in cells) or "0"
 
 

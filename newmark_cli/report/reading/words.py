@@ -49,7 +49,7 @@ def means(axis: str, word: str, value: str) -> bool:
         spellings |= {
             name for name, of in MEASURES.items() if value in (row.name for row in of.records)
         }
-    same = next(each.same for each in series_axes() if each.name == axis)
+    same = next(a.same for a in series_axes() if a.name == axis)
     return word in spellings or same(word) == value
 
 

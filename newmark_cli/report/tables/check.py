@@ -118,8 +118,8 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
         loses = shown and slope.h[slope.fitted].min() > slope.h.min()
         if slope.missed or (loses and not slope.accepted):
             orders = format_orders(slope)
-            said = (f"local orders {orders}" if orders else "", slope.reason)
-            key = slope.verdict, slope.study, "; ".join(filter(None, said))
+            parts = (f"local orders {orders}" if orders else "", slope.reason)
+            key = slope.verdict, slope.study, "; ".join(filter(None, parts))
             alike.setdefault(key, []).append(slope)
     lines = []
     for (verdict, study, why), same in alike.items():

@@ -75,7 +75,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class _Row:
-    """A value of a CSV, and in words the study, the cell and the series."""
+    """A value of a CSV with its study, cell and series in words."""
 
     measure: str
     value: float
@@ -85,7 +85,7 @@ class _Row:
 
 
 class _Folder:
-    """The content of one results folder, as far as it is compared, by names in words."""
+    """The comparable content of a results folder, by names in words."""
 
     def __init__(self, path: Path) -> None:
         self.statuses: dict[str, str] = {}  # by cell
@@ -111,12 +111,12 @@ class _Folder:
                 self.environment[file.stem] = computed_with | {f"config of {file.stem}": digest}
         # Of claims and series what was measured, and the verdict.
         self.claims = {
-            f"{each.name if each.figure else f'expectation of {each.study}'}: {each.text}": (
-                each.measured,
-                each.verdict,
+            f"{claim.name if claim.figure else f'expectation of {claim.study}'}: {claim.text}": (
+                claim.measured,
+                claim.verdict,
             )
-            for each in expectations.judge(path, slopes)
-            if not each.missing
+            for claim in expectations.judge(path, slopes)
+            if not claim.missing
         }
         keys = [(slope, slope.key.named()) for slope in slopes]
         self.slopes = {f"{_where(key)}, {_what(key)}": slope for slope, key in keys}
@@ -135,8 +135,8 @@ class _Folder:
             for name, row in self.rows.items()
             if name not in other.rows and row.cell in other.statuses
         }
-        whole = Counter(row.series for row in lacking.values() if row.series not in theirs)
-        series = [f"{name}, {n} row{'s' if n > 1 else ''}" for name, n in whole.items()]
+        missing = Counter(row.series for row in lacking.values() if row.series not in theirs)
+        series = [f"{name}, {n} row{'s' if n > 1 else ''}" for name, n in missing.items()]
         return (*cells, *series, *(n for n, row in lacking.items() if row.series in theirs))
 
     def lacked(self, other: "_Folder") -> tuple[str, ...]:
@@ -146,7 +146,7 @@ class _Folder:
 
 
 def _both(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """What has the same name in either folder."""
+    """Pairs of values by the names that both have."""
     return {name: (mine[name], theirs[name]) for name in mine if name in theirs}
 
 
@@ -232,7 +232,7 @@ def as_text(comparison: Comparison, most: int | None) -> str:
 
 
 def _farthest(slopes: Mapping[str, tuple[Slope, Slope]]) -> Difference | None:
-    """The slopes that differ most, if any do."""
+    """The pair of slopes that differs most, if any does."""
     apart = {name: abs(a.fit.slope - b.fit.slope) for name, (a, b) in slopes.items()}
     name = max(apart, key=lambda name: np.nan_to_num(apart[name]), default="")
     if not apart.get(name, 0.0) > 0:
@@ -264,7 +264,7 @@ def _environments(
 
 
 def _where(row: Mapping[Any, Any]) -> str:
-    """Names of a cell but for its step size, without what goes without saying."""
+    """Name of a cell but for its step size, without usual values."""
     unusual = (row[name] for name, usual in _UNUSUAL.items() if row[name] != usual)
     return " ".join([str(row["study"]), *(str(row[name]) for name in _SAID), *unusual])
 

@@ -91,7 +91,7 @@ class Cure:
             "curvature": bool(projection.level) or recovered,
             "derivatives of the curvature": self.axes.get("start") == "corrected",
         }
-        return "; ".join(each for each, is_needed in needed.items() if is_needed) or MISSING
+        return "; ".join(text for text, is_needed in needed.items() if is_needed) or MISSING
 
 
 @cache
@@ -100,8 +100,8 @@ def of_problem(problem: str) -> Mapping[str, Cure]:
 
     A rate of Baumgarte's must suit its step sizes, and compensated evaluation is not for all.
     """
-    every = definitions(shipped.configs()[STUDY]) or ()
-    (figure,) = (each for each in every if each.figure == "16")
+    defined = definitions(shipped.configs()[STUDY]) or ()
+    (figure,) = (d for d in defined if d.figure == "16")
     return {
         line.label: Cure(
             line.label, {a: v[0] for a, v in line.choice.items() if a != "problem"}, line.panel
@@ -137,7 +137,6 @@ def _mark(good: bool, half: bool) -> str:
 
 
 def _smallest(slope: Slope) -> float:
-    """The value at the smallest step size."""
     return float(slope.values[np.argmin(slope.h)])
 
 
@@ -163,7 +162,7 @@ def _listed(*parts: str) -> str:
 
 
 def _of_order(slope: Slope, good: float, half: float) -> Cell:
-    """An order that should not be far below 0: least slopes for yes and for partly."""
+    """The entry for an order that should be about 0, with least slopes for yes and partly."""
     fitted = slope.fit.slope
     # However few its points are, a fit must be near its order.
     agrees = slope.verdict != MISS and not abs(fitted - slope.expected) > _FAR
@@ -186,8 +185,9 @@ def _tolerance(results: Results, cure: Cure) -> Cell:
     orders = [
         series.expected
         for unknown in ("a", "lambda", "eta")
-        for one in (iterated.damped, iterated)
-        if (series := one.series(results, unknown, "correction")) and np.isfinite(series.expected)
+        for variant in (iterated.damped, iterated)
+        if (series := variant.series(results, unknown, "correction"))
+        and np.isfinite(series.expected)
     ]
     least = min(orders, default=np.nan)
     agrees = not (least >= 0 and share < 1)
@@ -245,8 +245,8 @@ def _floor(evaluation: str, results: Results, cure: Cure) -> Cell:
         slope = ours.damped.series(results, "multiplier", "invariant")
         words = "constant, recovered"
         return Cell() if slope is None else Cell(YES, _number(_smallest(slope)), "0", words=words)
-    for one in (ours.damped, ours):
-        if slope := one.series(results, "lambda", "physical_correction"):
+    for variant in (ours.damped, ours):
+        if slope := variant.series(results, "lambda", "physical_correction"):
             return _of_order(slope, -0.3, -1.5)
     return Cell()
 
@@ -366,7 +366,7 @@ TABLES: Mapping[str, Iterable[Symptom]] = {
         ),
     ),
 }
-SYMPTOMS = tuple(symptom for several in TABLES.values() for symptom in several)
+SYMPTOMS = tuple(symptom for symptoms in TABLES.values() for symptom in symptoms)
 
 COLUMNS = ("group", "cure", "symptom", "mark", "predicted", "measured", "agrees")
 LEGEND = (
@@ -401,8 +401,8 @@ def report(cells: Mapping[tuple[str, str], Cell]) -> Report:
         for (cure, symptom), cell in cells.items()
     ]  # fmt: skip
     tables = []
-    for title, several in TABLES.items():
-        names = {symptom.name for symptom in several}
+    for title, symptoms in TABLES.items():
+        names = {symptom.name for symptom in symptoms}
         ours = [record for record in records if record["symptom"] in names]
         tables.append(pivoted(title, ours, {"cure": str}, "symptom", lambda one: str(one["text"])))
     return Report("cures", tuple(tables), LEGEND, records, COLUMNS)

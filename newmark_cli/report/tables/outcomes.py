@@ -128,7 +128,7 @@ def _case(suite: ElementTree.Element, outcome: Outcome, strict: bool) -> None:
 
 
 def _count(element: ElementTree.Element) -> None:
-    """How many test cases it has, and how they ended."""
+    """Write the numbers of test cases, and of failures, into an element."""
     element.set("tests", str(len([*element.iter("testcase")])))
     for kind, plural in (("failure", "failures"), ("error", "errors"), ("skipped", "skipped")):
         element.set(plural, str(len([*element.iter(kind)])))
@@ -151,7 +151,7 @@ def annotations(outcomes: Iterable[Outcome], strict: bool, top: Path | None = No
 
 
 def _place(outcome: Outcome, top: Path | None) -> dict[str, str]:
-    """File and line, if the file is there and in the repository."""
+    """File and line, if the file exists inside the repository."""
     path = Path(outcome.file)
     try:
         inside = path.resolve().relative_to((top or Path()).resolve())
@@ -162,7 +162,7 @@ def _place(outcome: Outcome, top: Path | None) -> dict[str, str]:
 
 
 def _escaped(text: str, further: str = "") -> str:
-    """Text that ends neither a command nor a property of it."""
+    """Text escaped for a workflow command or one of its properties."""
     for character in "%\r\n" + further:
         text = text.replace(character, f"%{ord(character):02X}")
     return visible(text)

@@ -65,10 +65,11 @@ def reports(slopes: Sequence[Slope]) -> list[Report]:
     """Both tables; the second begins with the factors themselves."""
     entries, both = build(slopes), []
     for layout in layouts(shipped.configs()[STUDY]):
-        made = report([slope for slope in slopes if slope.study == STUDY], layout)
+        measured = report([slope for slope in slopes if slope.study == STUDY], layout)
         before = (predicted_tables.factors(),) if layout.name == "2" else ()
         records = [entry.record for entry in entries if entry.table == layout.name]
-        both.append(Report(made.name, (*before, *made.tables), made.legend, records, COLUMNS))
+        tables = (*before, *measured.tables)
+        both.append(Report(measured.name, tables, measured.legend, records, COLUMNS))
     return both
 
 

@@ -59,18 +59,18 @@ def formulations() -> Report:
             (r for r in records if (r["table"], r["evaluation"]) == kind),
             rows,
             "heading",
-            lambda one: ("≥ " if one["bound"] == "yes" else "") + format_order(one["predicted"]),
+            lambda r: ("≥ " if r["bound"] == "yes" else "") + format_order(r["predicted"]),
         )
         for kind, title in titles.items()
     ]
     sides = (("left", ROWS), ("right", MULTIPLIERS))
     blocks = [
-        (side, each) for side, every in sides for each in every if each in BESIDE_TABLE_2[side]
+        (side, block) for side, names in sides for block in names if block in BESIDE_TABLE_2[side]
     ]
     factors = Table(
         "Factors of the rows and unknowns that formulations add",
         ("", *(block_name(*block) for block in blocks)),
-        (("factor", *(factor_text(BESIDE_TABLE_2[side][each]) for side, each in blocks)),),
+        (("factor", *(factor_text(BESIDE_TABLE_2[side][block]) for side, block in blocks)),),
     )
     return Report("formulations", (*tables, factors), LEGEND, records, COLUMNS)
 
@@ -101,7 +101,7 @@ def _entry(name: str, order: float) -> dict[str, Any]:
 def factors() -> Table:
     """Table 2 as the code has it: the factors themselves."""
     sides = (("left", "DVKC"), ("right", (*FIELDS, "lambda")))
-    blocks = [(side, block) for side, every in sides for block in every]
+    blocks = [(side, block) for side, names in sides for block in names]
     rows = ((form_name(form), *_factors(form, blocks)) for form in FORMS)
     headings = ("form", *(block_name(*block) for block in blocks))
     return Table("Table 2: factors of the optimal scaling", headings, tuple(rows), False)

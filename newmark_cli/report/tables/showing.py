@@ -75,11 +75,11 @@ def read(folder: Path, names: Sequence[str]) -> list[Shown]:
 def choose(studies: Sequence[Shown], choice: Choice) -> list[Shown]:
     """The studies with the series that are chosen; recovered fields only when asked for."""
     matching = {*map(id, choice.series([slope for study in studies for slope in study.slopes]))}
-    asked = bool(choice.measures or choice.values.get("quantity"))
+    named = bool(choice.measures or choice.values.get("quantity"))
     shown = []
     for study in studies:
         ours = [slope for slope in study.slopes if id(slope) in matching]
-        chosen = tuple(slope for slope in ours if asked or slope.role != "recovered")
+        chosen = tuple(slope for slope in ours if named or slope.role != "recovered")
         shown.append(replace(study, chosen=chosen, recovered=len(ours) - len(chosen)))
     return shown
 
@@ -90,9 +90,9 @@ def choose(studies: Sequence[Shown], choice: Choice) -> list[Shown]:
 def listed(studies: Sequence[Shown]) -> str:
     """The studies of a folder: cells, measures and verdicts of each."""
     rows = [("study", "cells", "measures", "series")]
-    for one in studies:
-        measures = ", ".join(one.measures)
-        rows.append((one.name, counted(one.statuses), measures, counted(one.verdicts)))
+    for study in studies:
+        measures = ", ".join(study.measures)
+        rows.append((study.name, counted(study.statuses), measures, counted(study.verdicts)))
     return text_table(rows)
 
 
@@ -143,7 +143,7 @@ def _table(slopes: Sequence[Slope]) -> str:
 
 
 def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
-    """Labels that all series of a table share, and those that tell each from the others."""
+    """Labels that all series of a table share, and those that distinguish them."""
     common: list[str] = []
     names: list[list[str]] = [[] for _ in slopes]
     for axis in axes.series_axes():
@@ -182,7 +182,7 @@ def _points(slope: Slope) -> dict[tuple[float, int], Entry]:
 
 
 def _range(slope: Slope) -> str:
-    """Step sizes that the fit is for."""
+    """Step sizes of the fit."""
     h = slope.h[slope.fitted]
     return MISSING if np.isnan(slope.fit.slope) else f"{h.max():g} … {h.min():g}"
 
@@ -191,7 +191,7 @@ def _range(slope: Slope) -> str:
 
 
 def _data(slope: Slope) -> dict[str, Any]:
-    """A series as values: `Slope.row`, with its points and the order up to each."""
+    """A series for programs: `Slope.row`, with points and local orders."""
     orders = [math.nan, *slope.local_orders]
     points = [
         {

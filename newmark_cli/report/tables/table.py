@@ -83,8 +83,8 @@ def as_markdown(tables: Sequence[Table], legend: Legend = ()) -> str:
     for table in tables:
         parts += [f"### {markdown(table.title)}", "", markdown_table(table.lines), ""]
     parts += [
-        f"- **{markdown(term)}**: {markdown(said)}" if term else f"- {markdown(said)}"
-        for term, said in legend
+        f"- **{markdown(term)}**: {markdown(text)}" if term else f"- {markdown(text)}"
+        for term, text in legend
     ]
     return "\n".join([*parts, ""])
 
@@ -108,7 +108,7 @@ def as_latex(tables: Sequence[Table], legend: Legend = ()) -> str:
 def _latex(table: Table, label: str, legend: Legend) -> str:
     ours = [line for line in legend if not line[0] or line[0] in table.headings]
     title = _NUMBER.sub("", table.title)
-    said = [f"{title[:1].upper()}{title[1:]}.", *sentences(ours if table.explained else ())]
+    caption = [f"{title[:1].upper()}{title[1:]}.", *sentences(ours if table.explained else ())]
     narrow, wide = fitted(table.lines, _LINE), fitted(table.lines, 10 * _LINE)
     wraps = [width < most for width, most in zip(narrow, wide, strict=True)]
     columns = "".join(
@@ -126,7 +126,7 @@ def _latex(table: Table, label: str, legend: Legend) -> str:
         [
             r"\begin{table}",
             r"  \centering",
-            rf"  \caption{{{latex(' '.join(said))}}}",
+            rf"  \caption{{{latex(' '.join(caption))}}}",
             rf"  \label{{tab:{label}}}",
             r"  \footnotesize",
             r"  \setlength{\tabcolsep}{4pt}\smallskip",
@@ -167,8 +167,8 @@ def latex(text: str) -> str:
 
     if _FORMULA.fullmatch(text):
         return f"${_MATH.sub(math, text)}$"
-    said = _MATH.sub(lambda match: f"${math(match).strip()}$", latex_text(text))
-    return said.replace("$$", "").replace("–", "--").replace("…", r"\dots{}")
+    text = _MATH.sub(lambda match: f"${math(match).strip()}$", latex_text(text))
+    return text.replace("$$", "").replace("–", "--").replace("…", r"\dots{}")
 
 
 def as_csv(tables: Sequence[Table], legend: Legend = ()) -> str:
@@ -188,7 +188,7 @@ WRITERS = {"text": as_text, "markdown": as_markdown, "latex": as_latex, "csv": a
 
 def sentences(legend: Legend) -> list[str]:
     """Lines of a legend."""
-    return [f"{term}: {said}" if term else said for term, said in legend]
+    return [f"{term}: {text}" if term else text for term, text in legend]
 
 
 @dataclass(frozen=True)
