@@ -261,7 +261,7 @@ def orders(
     model = across(integrator, formulation, rule)
     model = replace(model, projected=projection.level > 0, total=reported == TOTAL)
     if isinstance(sequence, Constant | Change):
-        # Without a change, what follows none.
+        # Steps of one size: a change by a factor of 1.
         change = getattr(sequence, "change", 1.0)
         state = float(integrator.order)
         of_v = float(transient(model, change).order)

@@ -140,7 +140,7 @@ class _Results:
         self._phase = np.where(where, others._phase, self._phase)
 
     def rounded(self, moved: Array) -> Array:
-        """By how much the machine numbers move, from one of them, when the exact results do."""
+        """By how much the rounded results move when the exact ones do."""
         return np.asarray(self.unit * np.rint(moved * self._per_unit + self._phase))
 
     def errors(self, moved: Array) -> Array:
@@ -152,7 +152,7 @@ class _Results:
         return np.asarray(moved + self.unit * self._phase)
 
     def nearest(self, moved: Array) -> Array:
-        """What the moved results are rounded to, as far as exact results have moved."""
+        """By how much the exact results move, each with its rounding error."""
         return moved + self.errors(moved)
 
 
@@ -172,7 +172,7 @@ class _Sums:
         self._lengths = np.diff(self._begins, append=len(rows))
 
     def _before(self, values: Array) -> Array:
-        """Sums of each row up to before each of its terms."""
+        """Sums of each row before each of its terms."""
         total = np.cumsum(values) - values
         return np.asarray(total - np.repeat(total[self._begins], self._lengths))
 
@@ -455,7 +455,7 @@ class _Model:
         change_of_force = values.force.astype(float) - self.entries.force
         rows_there = self._rows(values, arguments, change, self._of_shift.rounded(change[0]))
         if scheme.compensated:
-            # The state is that of a step with somewhat other increments.
+            # The state belongs to a step with slightly different increments.
             rows_there = rows_there - self._rows_here
         rows_there = rows_there - self._linear_rows(exact, change)
         return change_of_force - linear, change_of_force, rows_there

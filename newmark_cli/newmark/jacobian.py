@@ -81,7 +81,7 @@ class _Products:
         ]
 
     def terms(self, behind: int, weights: Array) -> list[_Term]:
-        """Where they stand in J; ``behind`` is the first source of theirs."""
+        """Their places in J; ``behind`` is the number of their first source."""
         constraining, pattern, n = self._constraining, self._problem.pattern, self._problem.n
         terms: list[_Term] = []
         to_projector = constraining.projector
@@ -117,7 +117,7 @@ _NOWHERE = np.empty(0, np.int64)
 
 
 def _meetings(left: IndexArray, right: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
-    """Every pair of places, one of each list, at which both have the same number below size."""
+    """All pairs of places, one in each list, that hold the same number (below ``size``)."""
     order = np.argsort(right, kind="stable")
     counts = np.bincount(right, minlength=size)
     starts = np.concatenate([[0], np.cumsum(counts)])

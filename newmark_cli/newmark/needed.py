@@ -76,5 +76,5 @@ class Needed:
             return self._least.of(scipy.sparse.csc_array(gradient / sizes[None, :]))
         dense = singular.gradient(problem, t, u)
         if not np.all(np.isfinite(dense)):
-            return np.inf  # the march tells what happens there
+            return np.inf  # the march itself reports that
         return float(np.linalg.svd(dense, compute_uv=False)[-1])

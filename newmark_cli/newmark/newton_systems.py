@@ -125,7 +125,7 @@ _Seen = list[tuple[int, scipy.sparse.csc_array, Array]]
 
 
 def _observed_by(seen: _Seen, system: LinearSystem, every: bool) -> LinearSystem:
-    """The same linear system, which notes what it is asked to solve: the first and the last."""
+    """The same linear system, which notes what it solves: all, or the first and the last."""
 
     def solve(values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         number = seen[-1][0] + 1 if seen else 1

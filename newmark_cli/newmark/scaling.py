@@ -165,7 +165,7 @@ class Preconditioning:
 def _canonical_factors(
     pairs: tuple[tuple[str, str], ...], blocks: Sequence[str]
 ) -> tuple[tuple[str, str], ...]:
-    """Factors in one spelling and order; what cannot be read stays for whoever applies it."""
+    """Factors in one spelling and order; unreadable ones stay for `own_scaling` to refuse."""
 
     def normalised(factor: str) -> str:
         try:

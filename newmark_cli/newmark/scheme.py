@@ -218,7 +218,7 @@ class Scheme:
 
     @property
     def _to_past(self) -> float:
-        """H over the size of the step that the past is of; none is, where it starts anew."""
+        """Ratio of h to the step size of the past; 1 where the past starts anew."""
         return 1.0 if self.auxiliary == RESTART else self.ratio
 
     def carried(self, behind: float, moved: float = 0.0) -> Array:

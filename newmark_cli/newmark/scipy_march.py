@@ -41,7 +41,7 @@ from newmark_cli.support.arrays import Array, IndexArray
 
 
 class _Ended(Exception):
-    """A march ends before its last step, in the way that its argument says."""
+    """Ends a march before its last step; the argument says how."""
 
 
 def _solved(solve: Callable[..., Any], *arguments: Any) -> Any:
@@ -331,7 +331,7 @@ class _Formulated(_Index3):
         return self.system.constraining
 
     def begin_step(self, t: float) -> None:
-        """Besides: set η = 0, and P and R to those at the beginning of the step."""
+        """Also set η = 0, and P and R to those at the beginning of the step."""
         u, v = self.state.past[:2]
         self.eta = np.zeros(self.problem.m)
         g = self.problem.values(t, u, v, self.state.multipliers).g
@@ -442,7 +442,7 @@ class _Formulated(_Index3):
             change, _ = self._index_1.least_change(t, state.fields[0], -phi)
             self.moving[0] += change
             self._take()
-            # The next one would be of the order of the square.
+            # The next change would be of the order of this one's square.
             least = self.scheme.settled_below * algebra.norm(state.fields[0])
             if not algebra.norm(change) > least:
                 break
@@ -455,7 +455,7 @@ class _Formulated(_Index3):
         self._form_acceleration()
         if projection.accelerations:
             implied, _ = self._index_1.accelerations(t, state.fields[0], state.fields[1])
-            # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
+            # Changed alike: a belongs to another time; as v' it would cost generalized-α an order.
             difference = implied - state.fields[3]
             state.fields[3] += difference
             self.moving[2] += difference
@@ -463,7 +463,7 @@ class _Formulated(_Index3):
         return taken
 
     def end_step(self, t: float) -> None:
-        """Besides: carry Ψ over."""
+        """Also carry Ψ over."""
         if self.carried and self.constraining.rated:
             self.state.psi[:] = self._rate_now(t)
         super().end_step(t)

@@ -61,7 +61,7 @@ def beside(state: State, number: int = 0) -> State:
 
 
 def _units(shape: tuple[int, int], number: int) -> Array:
-    """Units in the last place: of twins of few coordinates the same signs are drawn too often."""
+    """Signed units in the last place, 1 to 4: few coordinates often draw the same signs."""
     signs = np.random.default_rng((_SEED, number)).choice([-1.0, 1.0], shape)
     return np.asarray((1 + number % 4) * signs)
 

@@ -205,7 +205,7 @@ class Agreement:
         u, v = state
         system = Index1(self.problem)
         try:
-            # As fast as needs forces like those there are: coordinates say little of lengths.
+            # Fast enough to need forces as large as these: coordinates say little of lengths.
             slow, fast = (system.accelerations(t, u, way)[0] for way in (0 * v, v))
             bend = float(np.abs(self.problem.M @ (fast - slow)).max())
             load = float(np.abs(_value(self.problem.n, force, u, v, t)).max())
@@ -247,7 +247,7 @@ class Agreement:
             away, turn = sizes * random.normal(size=n), random.normal(size=n)
             later = 0.0 if free else random.uniform(10.0, 100.0)
             reach = _NEAR
-            for _ in range(20):  # as far as Φ changes as G and Φ_t say
+            for _ in range(20):  # as far as Φ changes by what G and Φ_t predict
                 expected = reach * (g.T @ away + later * rate)
                 u, t = u0 + reach * away, t0 + reach * later
                 missed = _value(problem.m, phi, u, t) - here - expected
@@ -389,7 +389,7 @@ def _settled(
         varied = np.ptp(central[row], axis=0)
         varied = np.maximum(varied, bends[begin - 1 : begin - 1 + _IN_A_ROW].max(axis=0))
         wrong = (smallest > 0) & (varied <= _SETTLED * np.minimum(least, smallest)) & doubted
-        # Longer steps see past a play, and past the stairs that rounding makes.
+        # Longer steps see past backlash, and past the stairs that rounding makes.
         farther = np.minimum(np.abs(central[:begin] - settled), np.abs(derivatives))
         wrong &= ~np.any(away[:begin] <= _NEARER * farther, axis=0)
         certainty = np.where(wrong, least / (varied + 1e-3 * least), 0.0)

@@ -16,7 +16,7 @@ from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most unknowns for which `solver` is dense: beyond, sparse factors take less time.
 DENSE_UP_TO = 120
-#: Squares below this are no part of a norm of about 1.
+#: Squares below this do not count in a norm of about 1.
 _NEGLIGIBLE = 1e-280
 
 

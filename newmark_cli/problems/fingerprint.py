@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-#: What comes from here is what its name says; the versions are part of every record.
+#: Objects from these are known by their names; versions are part of every record.
 _LIBRARIES = frozenset(("builtins", "math", "cmath", "numpy", "scipy", "numba"))
 _FUNCTIONS = ("force", "constraints", "gradient", "stiffness", "damping", "energy")
 #: Left out where they are None, so that digests of older definitions stay the same.
@@ -23,7 +23,7 @@ def of_definition(definition: Any) -> str:
     that differ never have the same digest.
     """
     digest = hashlib.sha256()
-    # With the objects, lest another gets the identity of one that is gone.
+    # Keeps the objects, lest another gets the id of one that is gone.
     seen: dict[int, tuple[int, Any]] = {}
     try:
         optional = [key for key in _OPTIONAL if getattr(definition, key, None) is not None]

@@ -60,7 +60,7 @@ class Weights(NamedTuple):
         The largest |λ_j| / √E_j times √E_k, of the constraints j on what can move, and
         for a prescribed part of its own as well; of all if these have no load.
         """
-        # Of a motion that is not finite there are none.
+        # There are none of a motion that is not finite.
         with np.errstate(all="ignore"):
             largest = np.zeros(self.parts.max() + 1)
             np.maximum.at(largest, self.parts, self.sizes * np.abs(multipliers))

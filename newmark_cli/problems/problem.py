@@ -194,7 +194,7 @@ class Problem:
         """Number of constraints."""
         return self.constraints
 
-    # Made when they are asked for: a mechanism may have a million points.
+    # Made on demand: a mechanism may have a million points.
     @cached_property
     def drawing(self) -> Any:
         """Data that a figure of the problem is drawn from; None if it has none."""

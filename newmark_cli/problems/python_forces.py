@@ -123,7 +123,6 @@ def _at(q, weights, offsets):  # type: ignore[no-untyped-def]
 
 @cached_njit(nogil=True, error_model="numpy")
 def _add_generalised(loads, weights, forces):  # type: ignore[no-untyped-def]
-    """Add the generalised forces of forces on the points."""
     for j in range(forces.shape[0]):
         for i in range(loads.shape[0]):
             forces[j] += weights[2 * i, j] * loads[i, 0] + weights[2 * i + 1, j] * loads[i, 1]

@@ -478,7 +478,7 @@ def _called(
 
 
 def _converting(function: Callable[..., Any]) -> Callable[..., Array]:
-    """A function that returns an array of what another returns; compiled where that is."""
+    """The function, with its result as an array; compiled if it is."""
     if isinstance(function, Dispatcher):
 
         @njit

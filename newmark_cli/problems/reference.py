@@ -331,7 +331,7 @@ def _straight(systems: Sequence[Index1], end: float, on_work: Callable[[], None]
 def _across(
     systems: Sequence[Index1], end: float, on_work: Callable[[], None]
 ) -> tuple[list[_State], str]:
-    """The same through singular positions, and words that say where they are.
+    """The same through singular positions, and a phrase that says where they are.
 
     Raises:
         NoReference: The motion is not smooth there, or there is no telling.

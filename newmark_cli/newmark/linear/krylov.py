@@ -146,11 +146,10 @@ _Method = Callable[[scipy.sparse.csr_array, Array, Array, float, int], tuple[Arr
 def _gmres(
     matrix: scipy.sparse.csr_array, rhs: Array, rows: Array, wanted: float, limit: int
 ) -> tuple[Array, int]:
-    """GMRES, begun again where a residual is larger than its recurrence has it.
+    """GMRES, restarted where a residual is larger than its recurrence has it.
 
-    That it is only where J̄ is too badly scaled for the recurrence; when beginning again
-    does not reduce the residual it gives up.  It is not scipy's because that stops by
-    the residual in the rows that it is given, and by no other.
+    That happens only where J̄ is too badly scaled for the recurrence; when a restart does not
+    reduce the residual it gives up.  SciPy's can stop only by the residual in its own rows.
     """
     solution, iterations = np.zeros_like(rhs), 0
     residual, size = rhs, norm(rows * rhs)

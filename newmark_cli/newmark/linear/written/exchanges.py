@@ -110,7 +110,7 @@ def _written(
     lists = EliminationLists(Order(rows, np.arange(len(rows))), *places)
     if lists.operations > generated.OPERATIONS_AT_MOST:
         return None
-    # Entry by entry as the dense matrix has them, whose sums are rounded in its order.
+    # Entries of the dense matrix, so that their sums are rounded as there.
     keys = np.unique(fixed.rows * len(rows) + fixed.columns)
     constants = Constants(*np.divmod(keys, len(rows)), dense.constant[keys])
     return Written(lists.tables(constants, sums, scheme.dtype), pivoting=True)

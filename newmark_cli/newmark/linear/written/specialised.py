@@ -121,7 +121,6 @@ class _Parts:
         }  # fmt: skip
 
     def digest(self) -> str:
-        """What the code depends on, in 32 characters."""
         solving = self.elimination.digest() if self.elimination else ""
         digest = sha256(
             f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.compensated} "
@@ -147,17 +146,17 @@ class _Parts:
             module.link_in(solving)
             names.append(generated.NAME)
         module.link_in(llvm.parse_assembly(self._text(names)))
-        # What is not called from here falls away.
+        # Internal functions that nothing calls are dropped.
         for function in module.functions:
             if not function.is_declaration and function.name not in ("evaluate", "correct"):
                 function.linkage = "internal"
-        # Sums in vectors would be other sums.
+        # Vectorised sums would be rounded differently.
         tuning = llvm.create_pipeline_tuning_options(speed_level=3)
         tuning.loop_vectorization = False
         tuning.slp_vectorization = False
         passes = llvm.create_pass_builder(machine_code.target(), tuning)
-        # What is constant first: most of each copy of a function then falls away, before
-        # passes that take ten times as long look at it.
+        # Constants first: most of each copy of a function is dropped before passes that take
+        # ten times as long.
         first = llvm.create_new_module_pass_manager()
         first.add_always_inliner_pass()
         first.add_global_dead_code_eliminate_pass()
