@@ -56,6 +56,26 @@ def test_start_of_andrews():
     np.testing.assert_array_equal(problem("andrews").u0, [float(x) for x in points])
 
 
+def test_states_of_any_kind_take_the_compiled_code_that_is_there():
+    """Read-only, parts of arrays, in single precision, whole numbers as times."""
+    subject = problem("double-pendulum")
+    state = [subject.u0, subject.v0 + 0.5, np.ones(subject.m)]
+    functions = subject.function, subject.derivatives, subject.potential
+
+    def computed(t, u, v, multipliers):
+        values = *subject.values(t, u, v, multipliers), *subject.constraint_rows(t, u, v, v)
+        return np.concatenate([*values, subject.energies(t, u, v)])
+
+    expected = computed(0.0, *state)
+    compiled = [function.signatures[:] for function in functions]
+    fixed = [array.copy() for array in state]
+    for array in fixed:
+        array.flags.writeable = False
+    for kind in (fixed, [np.repeat(a, 2)[::2] for a in state], [a.astype("f4") for a in state]):
+        np.testing.assert_array_equal(computed(0, *kind), expected)
+    assert [function.signatures for function in functions] == compiled
+
+
 @pytest.fixture(scope="module")
 def everything():
     """A mechanism with every element, driven."""
