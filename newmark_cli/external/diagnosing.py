@@ -124,7 +124,7 @@ _LIMITS = ("rounding of λ", "alternation/undamped")
 
 #: Rounding over value below which a point counts.
 _CLEAR = 0.1
-#: Orders that are those of what does not fall, and how far others may be off.
+#: Orders below this are those of errors that stagnate; how far other orders may be off.
 _STALLED, _OFF = 0.3, 0.35
 #: Relative misfits of Φ: what single precision leaves; over those of a sound march, what is no
 #: rounding; and the least that is none of double precision.
@@ -139,9 +139,9 @@ _NEARER = 0.2
 _WRECKED = 10.0
 #: Change of v in the first step over h a(0), that is missing; relative misfits of a start.
 _FIRST, _START = 0.05, 1e-9
-#: Misses of an equation of motion, relative to its largest term, that are no truncation.
+#: Residual of an equation of motion, relative to its largest term, that is no truncation.
 _MISSED = 3e-3
-#: Iterations that are many, and the part of the steps in which they are.
+#: Iterations that count as many, and the part of the steps that must have as many.
 _MANY, _OFTEN = 8, 0.1
 #: Corrections in a step, more than a sound march has, that tell of linear convergence.
 _MORE, _SLOW = 3, 1.6

@@ -17,7 +17,7 @@ from newmark_cli.support.errors import ArgumentError
 #: Look of this tool's own march.
 _OURS = Look("0.6", "", linestyle="--", linewidth=1.5)
 _ENDINGS = (".png", ".svg", ".pdf", ".pgf")
-#: Rounding over value from which on rounding rules a point.
+#: Ratio of rounding to value above which rounding rules a point.
 _RULED = 0.5
 #: What work is counted by, the first that a table has, and how axes name it.
 _WORK = {"calls": "calls", "seconds": "time (s)"}

@@ -1,4 +1,4 @@
-"""Units, signs, order and factors in which another code writes its state, found out.
+"""Finds the units, signs, order and factors in which another code writes its state.
 
 What is unambiguous is undone and said.  A factor of λ that comes from another Φ is a finding,
 and λ is judged without it.

@@ -40,7 +40,7 @@ USUAL = {"integrator": "generalized-alpha rho=0.9", "formulation": "index-3"}
 _TWINS, _MOST_STEPS, _UNKNOWNS = 3, 2_000_000, 5
 #: Rows of a run at which invariants are looked at, besides the first and last of it.
 _SAMPLES, _ENDS = 32, 3
-#: Power of 1/h with which rounding grows at most: of λ, and of what else.
+#: Largest power of 1/h with which rounding of a quantity grows; 0 of others.
 _GROWTH = {"lambda": 2.0, "multiplier": 2.0, "force": 2.0, "moment": 2.0,
            "v": 1.0, "velocity": 1.0, "omega": 1.0}  # fmt: skip
 #: Times that differ by less, over their size, are the same.
@@ -208,7 +208,7 @@ def deviations(run: Run, motion: Motion, components: Mapping[str, Sequence[str]]
 
 
 def _looked_at(run: Run, problem: Problem) -> list[int]:
-    """Rows at which invariants are looked at; the start is what it is."""
+    """Rows at which invariants are looked at, all after the start."""
     rows = np.flatnonzero(run.t > problem.t0 + SAME_TIME)
     if len(rows) > _SAMPLES:
         spread = np.round(np.linspace(0, len(rows) - 1, _SAMPLES)).astype(int)

@@ -44,7 +44,7 @@ _PARTS = {"u": "u", "q": "u", "x": "u", "v": "v", "qd": "v", "qp": "v", "lambda"
 _FACTOR = re.compile(r"\s*(-)?\s*(?:([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*\*\s*)?(.+?)\s*")
 #: Name of a series that the table does not name.
 UNNAMED = "your code"
-#: Lines in which digits are counted, and fewer digits than a double has.
+#: Lines in which digits are counted, and digits that suffice to judge rounding.
 _LOOKED_AT, _FEW_DIGITS = 200, 12
 
 
@@ -298,7 +298,7 @@ def _numbers(column: "pd.Series[Any]", what: str, where: str) -> Array:
 
 
 def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str) -> None:
-    """Refuse sizes and times that are none, and times that are there twice."""
+    """Refuse sizes and times out of range, and times that occur twice."""
     for name, bad, wanted in (
         (abscissa, table[abscissa] <= 0, "positive"),
         ("t", table["t"] < 0, "a time, not negative"),

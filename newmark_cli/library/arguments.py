@@ -27,113 +27,113 @@ def scaling_by_either_name(function: _Function) -> _Function:
     own, other = sorted(names, key=lambda name: name not in signature(function).parameters)
 
     @wraps(function)
-    def called(*given: Any, **named: Any) -> Any:
+    def called(*positional: Any, **named: Any) -> Any:
         if other in named:
             if own in named:
                 raise ArgumentError(f"{own} and {other} are one argument: give one of them")
             named[own] = named.pop(other)
-        return function(*given, **named)
+        return function(*positional, **named)
 
     return cast(_Function, called)
 
 
-def shown(given: Any) -> str:
+def shown(value: Any) -> str:
     """A value in few words."""
-    if isinstance(given, np.ndarray):
-        return f"an array of shape {given.shape}"
-    if isinstance(given, np.generic):
-        given = given.item()
-    return _REPR.repr(given)
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, np.generic):
+        value = value.item()
+    return _REPR.repr(value)
 
 
-def number(name: str, given: Any, unit: str = "") -> float:
+def number(name: str, value: Any, unit: str = "") -> float:
     """A finite number."""
-    if isinstance(given, bool | np.bool_) or not isinstance(given, Real):
-        raise ArgumentError(f"{name} must be a number{unit}, given {shown(given)}")
-    if not np.isfinite(value := float(given)):
-        raise ArgumentError(f"{name} must be finite, given {shown(given)}")
-    return value
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real):
+        raise ArgumentError(f"{name} must be a number{unit}, given {shown(value)}")
+    if not np.isfinite(x := float(value)):
+        raise ArgumentError(f"{name} must be finite, given {shown(value)}")
+    return x
 
 
-def positive(name: str, given: Any, unit: str = "") -> float:
+def positive(name: str, value: Any, unit: str = "") -> float:
     """A finite number above 0."""
-    value = number(name, given, unit)
-    if value <= 0:
-        raise ArgumentError(f"{name} must be positive, given {shown(given)}")
-    return value
+    x = number(name, value, unit)
+    if x <= 0:
+        raise ArgumentError(f"{name} must be positive, given {shown(value)}")
+    return x
 
 
-def step_size(given: Any) -> float:
+def step_size(h: Any) -> float:
     """A step size (s) of which factors and floors are finite numbers."""
-    value = positive("h", given, " of seconds")
-    if not 1e-12 <= value <= 1e3:
-        raise ArgumentError(f"h must be between 1e-12 and 1e3 seconds, given {value:g}")
-    return value
+    size = positive("h", h, " of seconds")
+    if not 1e-12 <= size <= 1e3:
+        raise ArgumentError(f"h must be between 1e-12 and 1e3 seconds, given {size:g}")
+    return size
 
 
-def step_sizes(given: Any) -> Array:
+def step_sizes(h: Any) -> Array:
     """(steps,) positive step sizes (s)."""
-    sizes = vector("h", given)
+    sizes = vector("h", h)
     if len(sizes) == 0 or not np.all(sizes > 0):
-        raise ArgumentError(f"h: every step size must be positive, given {shown(given)}")
+        raise ArgumentError(f"h: every step size must be positive, given {shown(h)}")
     return sizes
 
 
-def count(name: str, given: Any, least: int = 0) -> int:
+def count(name: str, value: Any, least: int = 0) -> int:
     """A whole number."""
-    if isinstance(given, bool | np.bool_) or not isinstance(given, Integral):
-        raise ArgumentError(f"{name} must be a whole number, given {shown(given)}")
-    if given < least:
-        raise ArgumentError(f"{name} must be at least {least}, given {shown(given)}")
-    return int(given)
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Integral):
+        raise ArgumentError(f"{name} must be a whole number, given {shown(value)}")
+    if value < least:
+        raise ArgumentError(f"{name} must be at least {least}, given {shown(value)}")
+    return int(value)
 
 
-def flag(name: str, given: Any) -> bool:
+def flag(name: str, value: Any) -> bool:
     """True or False."""
-    if not isinstance(given, bool | np.bool_):
-        raise ArgumentError(f"{name} must be True or False, given {shown(given)}")
-    return bool(given)
+    if not isinstance(value, bool | np.bool_):
+        raise ArgumentError(f"{name} must be True or False, given {shown(value)}")
+    return bool(value)
 
 
-def one_of(name: str, given: Any, allowed: Collection[str]) -> str:
+def one_of(name: str, value: Any, allowed: Collection[str]) -> str:
     """One of some names."""
-    if not isinstance(given, str) or given not in allowed:
-        raise ArgumentError(f"unknown {name} {shown(given)}{nearest(given, allowed)}")
-    return given
+    if not isinstance(value, str) or value not in allowed:
+        raise ArgumentError(f"unknown {name} {shown(value)}{nearest(value, allowed)}")
+    return value
 
 
-def some_of(name: str, given: Any, allowed: Collection[str]) -> tuple[str, ...]:
+def some_of(name: str, values: Any, allowed: Collection[str]) -> tuple[str, ...]:
     """Some of some names, as a list or a tuple."""
-    if isinstance(given, str) or not isinstance(given, Collection):
-        raise ArgumentError(f"{name} must be a list of names, given {shown(given)}")
-    return tuple(one_of(f"name in {name}", item, allowed) for item in given)
+    if isinstance(values, str) or not isinstance(values, Collection):
+        raise ArgumentError(f"{name} must be a list of names, given {shown(values)}")
+    return tuple(one_of(f"name in {name}", item, allowed) for item in values)
 
 
-def vector(name: str, given: Any, length: int | None = None) -> Array:
+def vector(name: str, values: Any, length: int | None = None) -> Array:
     """Finite numbers, of a length if there is one."""
     try:
-        array = np.asarray(given)
+        array = np.asarray(values)
     except ValueError:
         array = np.empty(0, object)
     if array.ndim != 1 or array.dtype.kind not in "iuf" or length not in (None, len(array)):
         wanted = f"an array of {length} numbers" if length is not None else "a list of numbers"
-        raise ArgumentError(f"{name} must be {wanted}, given {shown(given)}")
+        raise ArgumentError(f"{name} must be {wanted}, given {shown(values)}")
     if not np.all(np.isfinite(array)):
         place = int(np.argmin(np.isfinite(array)))
         raise ArgumentError(f"{name} must be finite: component {place + 1} is {array[place]}")
     return array.astype(float)
 
 
-def coordinates(name: str, given: Any, problem: Problem, usual: Array) -> Array:
+def coordinates(name: str, entries: Any, problem: Problem, usual: Array) -> Array:
     """(n,) numbers, one for each coordinate, from an array or a mapping.
 
     A mapping has a number for each axis of a point, and one for a coordinate, by their names; what
     it does not name keeps its usual value.
     """
-    if not isinstance(given, Mapping):
-        return vector(name, given, problem.n)
+    if not isinstance(entries, Mapping):
+        return vector(name, entries, problem.n)
     values = usual.copy()
-    for key, value in given.items():
+    for key, value in entries.items():
         if key in problem.points:
             width = len(problem.axes)
             place = width * problem.points.index(key)

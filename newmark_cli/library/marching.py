@@ -50,7 +50,7 @@ from newmark_cli.support.errors import ArgumentError, warn
 
 #: Most memory that a trajectory may take (bytes).
 MOST_BYTES = 1_000_000_000
-#: More steps than a float can count are a slip of the finger.
+#: More steps than a float can count must be a typo.
 _MOST_STEPS = 2**53
 
 #: Step sizes that differ by less, relative to their size, are the same.
@@ -60,7 +60,7 @@ _SAME_H = 1e-12
 _ROUNDING = 10.0
 #: Part of the rounding of u that velocities have in compensated evaluation, at most.
 _COMPENSATED = 1e-3
-#: What of a scheme is asked whether it fits.
+#: Attributes of a scheme that are checked against each other and the problem.
 _OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
 #: In place of zero.
 _TINY = np.finfo(float).tiny
@@ -411,8 +411,8 @@ def march(
     if stepped or callback is not None or state is not None:
         raise ArgumentError("twins: not with steps=True, callback or state")
     others = twins_of(subject, scheme, twins, linear_solver, krylov, grid)
-    each = [cast(Trajectory, taken(_Begun(other, original.t0))) for other in others]
-    return replace(cast(Trajectory, taken(begun)), twins=each)
+    marched = [cast(Trajectory, taken(_Begun(other, original.t0))) for other in others]
+    return replace(cast(Trajectory, taken(begun)), twins=marched)
 
 
 def steps(
@@ -543,7 +543,7 @@ def _begin(
         carried, kept = state.carried, state.carried.state
         _warn_of_loss(problem, scheme, state)
         if carried.enforced != enforced_by(scheme):
-            # What the constraints miss by has not been carried along.
+            # The residuals of the constraints were not carried along.
             system = Index1(problem)
             phi = problem.constraint_values(state.t, state.u)
             kept = kept._replace(phi=phi, psi=system.rate(state.t, state.u, state.v))
@@ -571,22 +571,22 @@ def _same_steps(state: Step, scheme: Scheme) -> bool:
 
 
 def _warn_of_loss(problem: Problem, scheme: Scheme, state: Step) -> None:
-    """Warn where multipliers lose their order behind a state that was made otherwise."""
+    """Warn where multipliers lose their order after a state marched with other settings."""
     if not _loses(problem, scheme, state):
         return
     carried = state.carried
-    differ = (
+    settings = (
         ("h =", repr(carried.h), repr(scheme.h)),
         ("integrator", carried.integrator, scheme.integrator.label),
         ("formulation and projection", carried.enforced, enforced_by(scheme)),
     )
-    told = "; ".join(f"{key} {one}, here {other}" for key, one, other in differ if one != other)
+    differences = "; ".join(f"{key} {old}, here {new}" for key, old, new in settings if old != new)
     way_out = "take projection='velocity', or formulation='index-2' in both marches"
     if scheme.projection.level:
         way_out = "leave multipliers='auto'"
     warn(
-        f"state: made with {told}: λ loses its order of accuracy, because the state does not meet "
-        f"the constraints as steps of this march leave them; {way_out}"
+        f"state: made with {differences}: λ loses its order of accuracy, because the state does "
+        f"not meet the constraints as steps of this march leave them; {way_out}"
     )
 
 
@@ -602,10 +602,10 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
     """
     carried, projects = state.carried, scheme.projection.level
     formulation, _, projection = carried.enforced.partition(", ")
-    made, projected = Formulation.parse(formulation), Projection.parse(projection).level
+    previous, projected = Formulation.parse(formulation), Projection.parse(projection).level
     # A penalty enforces what index 3 does.
     alike = carried.enforced == enforced_by(scheme) or (
-        {made.method, scheme.formulation.method} <= {INDEX_3, "augmented-lagrangian"}
+        {previous.method, scheme.formulation.method} <= {INDEX_3, "augmented-lagrangian"}
         and not (projected or projects)
     )
     same = carried.integrator == scheme.integrator.label
@@ -616,7 +616,7 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
     if recovered if projects else drifts:
         return False
     asks_position, asks_rate = bool(projects) or rows != ("Cv",), not recovered
-    keeps_position, keeps_rate = _keeps(made, projected)
+    keeps_position, keeps_rate = _keeps(previous, projected)
     of_position, of_rate = _misfits(problem, state)
     return (
         (asks_position and not keeps_position and of_position > _ROUNDING)

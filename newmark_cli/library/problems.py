@@ -78,8 +78,7 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
     if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
         allowed = flag("allow_code", arguments.pop("allow_code", False))
         if not arguments:
-            found = loading.load(Path(given), loading.label(given), str(given), allowed)
-            return _warned_of(found)
+            return _warned_of(loading.load(Path(given), loading.label(given), str(given), allowed))
     if arguments:
         raise ArgumentError(
             f"problem {shown(given)} takes no further arguments, given {', '.join(arguments)}"
@@ -95,8 +94,8 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
         name = str(given.get("title") or "mechanism")
         return _warned_of(loading.built(name, Document.of("mechanism", given)))
     if isinstance(given, Definition) or hasattr(given, "mass_matrix"):
-        found = python_problem.from_definition(given, "definition", "definition")
-        return replace(found, code=fingerprint.of_definition(given))
+        defined = python_problem.from_definition(given, "definition", "definition")
+        return replace(defined, code=fingerprint.of_definition(given))
     raise ArgumentError(
         f"a problem must be a name, a path, a dict, a Definition or a Problem, given {shown(given)}"
     )
@@ -126,9 +125,9 @@ def dae(subject: Any, equations: str = "ggl", *, integrals: bool = True) -> Dae:
     return Dae(problem(subject), one_of("equations", equations, ROWS), flag("integrals", integrals))
 
 
-def _warned_of(found: Problem) -> Problem:
-    warn(*found.doubts)
-    return found
+def _warned_of(loaded: Problem) -> Problem:
+    warn(*loaded.doubts)
+    return loaded
 
 
 def _member(family: str, sizes: Mapping[str, Any]) -> Problem:
@@ -137,9 +136,9 @@ def _member(family: str, sizes: Mapping[str, Any]) -> Problem:
     return Sized(family, tuple(checked.model_dump().items())).load()
 
 
-def _of_factory(spelled: str, arguments: Mapping[str, Any]) -> Problem:
-    file, _, factory = spelled.rpartition(":")
+def _of_factory(label: str, arguments: Mapping[str, Any]) -> Problem:
+    file, _, factory = label.rpartition(":")
     if not factory.isidentifier():
-        raise ArgumentError(f'a Python problem is "file.py:factory", given {spelled!r}')
-    spec = PythonFactory(Path(file).absolute(), factory, tuple(arguments.items()), spelled)
+        raise ArgumentError(f'a Python problem is "file.py:factory", given {label!r}')
+    spec = PythonFactory(Path(file).absolute(), factory, tuple(arguments.items()), label)
     return python_problem.load(spec.path, factory, arguments, spec.label, file)

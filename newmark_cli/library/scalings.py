@@ -142,59 +142,59 @@ def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: A
         ArgumentError: For β and γ of which factors of a scaling would overflow, too.
     """
     if integrator is None:
-        found: Integrator = Newmark(
+        method: Integrator = Newmark(
             0.25 if beta is None else arguments.number("beta", beta),
             0.5 if gamma is None else arguments.number("gamma", gamma),
         )
     elif beta is not None or gamma is not None:
         raise ArgumentError("give either an integrator or beta and gamma, not both")
     else:
-        found = integrator_of(integrator)
-    for name, value in found.symbols(1.0).items():
+        method = integrator_of(integrator)
+    for name, value in method.symbols(1.0).items():
         if not 1 / _FARTHEST <= value <= _FARTHEST:
             raise ArgumentError(
                 f"{name} must be between {1 / _FARTHEST:g} and {_FARTHEST:g} where factors are "
                 f"computed, given {value:g}"
             )
-    return found
+    return method
 
 
-def preconditioning_of(given: Any, name: str) -> Preconditioning:
+def preconditioning_of(value: Any, name: str) -> Preconditioning:
     """A scaling by its name, its dict, or itself."""
-    if isinstance(given, Preconditioning):
-        return given
-    if not isinstance(given, Mapping):
-        return Preconditioning(arguments.one_of(name, given, VARIANTS))
-    own: Preconditioning = _read(name, given, "OwnScaling")
+    if isinstance(value, Preconditioning):
+        return value
+    if not isinstance(value, Mapping):
+        return Preconditioning(arguments.one_of(name, value, VARIANTS))
+    own: Preconditioning = _read(name, value, "OwnScaling")
     return own
 
 
-def _read(name: str, given: Any, model: str) -> Any:
+def _read(name: str, value: Any, model: str) -> Any:
     """The core's value of what a config may give; see `keys.read`."""
-    if isinstance(given, str) and given in _USUAL:
-        return _USUAL[given]
+    if isinstance(value, str) and value in _USUAL:
+        return _USUAL[value]
     from newmark_cli.study import keys  # which imports pydantic
 
     try:
-        return keys.read(name, given, getattr(keys, model))
+        return keys.read(name, value, getattr(keys, model))
     except DocumentError as error:
-        if isinstance(given, Mapping) or (isinstance(given, str) and name == "integrator"):
+        if isinstance(value, Mapping) or (isinstance(value, str) and name == "integrator"):
             raise
-        raise (FormulationError if isinstance(given, str) else ArgumentError)(str(error)) from None
+        raise (FormulationError if isinstance(value, str) else ArgumentError)(str(error)) from None
 
 
 def _reader(name: str, model: str, is_it: Callable[[Any], bool]) -> Callable[[Any], Any]:
-    """What takes an argument as a config spells it, by a model of `keys`, or as the core does."""
-    return lambda given: given if is_it(given) else _read(name, given, model)
+    """Reader of an argument as configs write it, by a model of `keys`; the core's own pass."""
+    return lambda value: value if is_it(value) else _read(name, value, model)
 
 
-def _is_integrator(given: Any) -> bool:
-    """Whether it is one of any class, as somebody may write one."""
-    return hasattr(given, "relations") and hasattr(given, "symbols") and not isinstance(given, type)
+def _is_integrator(value: Any) -> bool:
+    """Whether it has what an integrator needs, whatever its class."""
+    return hasattr(value, "relations") and hasattr(value, "symbols") and not isinstance(value, type)
 
 
 def _of(*kinds: Any) -> Callable[[Any], bool]:
-    return lambda given: isinstance(given, kinds)
+    return lambda value: isinstance(value, kinds)
 
 
 integrator_of: Callable[[Any], Integrator] = _reader(
@@ -210,7 +210,7 @@ tolerance_of: Callable[[Any], Tolerance | None] = _reader(
     "stop", "StopConfig", _of(Tolerance, NoneType)
 )
 sequence_of: Callable[[Any], StepSequence] = _reader(
-    "h_sequence", "SequenceConfig", lambda given: hasattr(given, "factors")
+    "h_sequence", "SequenceConfig", lambda value: hasattr(value, "factors")
 )
 krylov_of: Callable[[Any], Krylov | None] = _reader("krylov", "KrylovConfig", _of(Krylov, NoneType))
 

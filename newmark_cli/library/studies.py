@@ -98,8 +98,9 @@ def run(
 def _read(folder: Path, study: str) -> "pd.DataFrame":
     path = folder / f"{study}.csv"
     frame = reading.read_study(path).reset_index(drop=True)
-    found = records.known(path)
-    frame.attrs[_RECORDS] = {study: json.dumps({key: found[key] for key in _KEPT if key in found})}
+    record = records.known(path)
+    record_kept = {key: record[key] for key in _KEPT if key in record}
+    frame.attrs[_RECORDS] = {study: json.dumps(record_kept)}
     content = results.read(path, series=True)[results.trajectory_path(folder, study)]
     if not isinstance(content, OSError):
         frame.attrs[_TRAJECTORIES] = {study: content.decode()}
@@ -227,23 +228,23 @@ def plot(
     from newmark_cli.report.reading.choosing import Choice
 
     choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
-    choice = {axes.ALIASES.get(name, name): given for name, given in choice.items()}
-    for name, given in choice.items():
+    choice = {axes.ALIASES.get(name, name): value for name, value in choice.items()}
+    for name, value in choice.items():
         arguments.one_of("argument", name, ("measure", *choosable))
-        if not isinstance(given, str):
-            raise ArgumentError(f"{name} must be text, given {arguments.shown(given)}")
+        if not isinstance(value, str):
+            raise ArgumentError(f"{name} must be text, given {arguments.shown(value)}")
     with _folder(frame) as folder:
-        found = Results(folder, collect(folder))
+        data = Results(folder, collect(folder))
         chosen = Choice(
             (choice["measure"],) if "measure" in choice else (),
             {name: (choice[name],) if name in choice else () for name in choosable},
             everything=True,
         )
         try:
-            figures = plotting.chosen((), found, chosen).figures
+            figures = plotting.chosen((), data, chosen).figures
         except InputError as error:
             raise ArgumentError(str(error).replace("--", "")) from None
-        names = [plotting.stem(each) for each in figures]
+        names = [plotting.stem(entry) for entry in figures]
         if not figures:
             raise ArgumentError("nothing to draw: no series has two step sizes")
         if isinstance(figure, str):
@@ -252,16 +253,16 @@ def plot(
             place = 0 if figure is None else arguments.count("figure", figure)
         if place >= len(figures):
             raise ArgumentError(f"figure must be below {len(figures)}, given {place}")
-        return draw.drawn(sheet(figures[place], found), size)
+        return draw.drawn(sheet(figures[place], data), size)
 
 
-def _study(given: Any, allow_code: bool) -> Study:
-    if isinstance(given, Mapping):
-        document = Document.of("study", given)
+def _study(study: Any, allow_code: bool) -> Study:
+    if isinstance(study, Mapping):
+        document = Document.of("study", study)
         return config.parse(document, Surroundings(Path(), allow_code))
-    if isinstance(given, str | Path):
-        return config.find(str(given), allow_code)
-    raise ArgumentError(f"a study must be a file, a name or a dict, given {arguments.shown(given)}")
+    if isinstance(study, str | Path):
+        return config.find(str(study), allow_code)
+    raise ArgumentError(f"a study must be a file, a name or a dict, given {arguments.shown(study)}")
 
 
 @contextmanager
