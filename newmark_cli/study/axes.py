@@ -43,10 +43,6 @@ TRAPEZOIDAL = Newmark().label
 SATURATION = "saturation"
 
 
-def _core_value(value: Any) -> Any:
-    return value.value() if hasattr(value, "value") else value
-
-
 @dataclass(frozen=True)
 class Axis:
     """One way in which cells, rows or series differ.
@@ -93,7 +89,7 @@ class Axis:
     shows: str = ""
     rare: bool = False
     many: bool = True
-    value: Callable[[Any], Any] = _core_value
+    value: Callable[[Any], Any] = lambda key: key.value() if hasattr(key, "value") else key
 
     def labels(self, case: Any) -> Iterator[str]:
         """How CSVs spell the values that a case has along the axis."""

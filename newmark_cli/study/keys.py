@@ -641,15 +641,12 @@ class KrylovConfig(Valued):
         return Krylov(self.tolerance, self.limit)
 
 
-def _stop(value: Any) -> Any:
-    return None if value == SATURATION else value
-
-
-def _written_stop(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    return {"anyOf": [handler(schema), {"type": "string"}]}
-
-
-Stop = Annotated[Annotated[StopConfig, Shown(_written_stop)] | None, BeforeValidator(_stop)]
+_StopOrText = Annotated[
+    StopConfig, Shown(lambda schema, handler: {"anyOf": [handler(schema), {"type": "string"}]})
+]
+Stop = Annotated[
+    _StopOrText | None, BeforeValidator(lambda value: None if value == SATURATION else value)
+]
 
 
 def _preconditioning(value: Any) -> Any:
@@ -913,16 +910,11 @@ def _one_line(text: str) -> str:
     return text
 
 
-def _text_of(value: Any) -> Any:
-    """A number as a file has it is a name, too."""
-    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
 #: A line of text, and a word or a number that names something.
 OneLine = Annotated[str, Strict(), AfterValidator(_one_line), also(pattern=_LINE)]
 Word = Annotated[
     str,
-    BeforeValidator(_text_of),
+    BeforeValidator(lambda v: str(v) if isinstance(v, int) and not isinstance(v, bool) else v),
     Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"),
     also(type=["string", "integer"]),
 ]

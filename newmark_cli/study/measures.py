@@ -343,11 +343,6 @@ def _alternates(key: SeriesKey) -> bool:
     return not (march.integrator.damped or march.projection.level or kept_out)
 
 
-def _saturates(key: SeriesKey) -> bool:
-    """Whether Newton ends where rounding stops it."""
-    return key.stop == SATURATION and _march_of(key).settles
-
-
 def _bound_of_correction(key: SeriesKey) -> str:
     if "B" in _form_of(key).rows and key.evaluation != COMPENSATED:
         # Once u rests on a rounded number, a and λ make the sum vanish for that number.
@@ -361,13 +356,9 @@ def _order_of_unit(key: SeriesKey) -> int:
 
 
 def _order_of_correction(key: SeriesKey) -> float:
-    if not _saturates(key):
-        return np.nan
+    if key.stop != SATURATION or not _march_of(key).settles:
+        return np.nan  # Newton does not end where rounding stops it
     return _orders_of(key).physical_corrections()[key.quantity] - _order_of_unit(key)
-
-
-def _coarse_orders_of_correction(key: SeriesKey) -> tuple[float, ...]:
-    return (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),)
 
 
 def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
@@ -396,7 +387,7 @@ CORRECTION = Measure(
         "last decreasing correction",
         predicted=_order_of_correction,
         tolerance=0.15,
-        coarse=_coarse_orders_of_correction,
+        coarse=lambda key: (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),),
         bounded=_bound_of_correction,
     ),
     _Corrections,

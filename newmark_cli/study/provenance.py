@@ -53,7 +53,8 @@ def record(
     return {
         "study": study.study,
         "config": config,
-        "config_sha256": config_checksum(config),
+        # Whatever the order of its keys.
+        "config_sha256": checksum(json.dumps(config, sort_keys=True, separators=(",", ":"))),
         "rows": rows,
         "sha256": dict(checksums),
         "cells": [
@@ -129,11 +130,6 @@ def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
         return dict(record)
     cells = [{**result, **of_cell} for result, of_cell in zip(of_results, of_run, strict=True)]
     return {**run, **record, "cells": cells}
-
-
-def config_checksum(config: Mapping[str, Any]) -> str:
-    """SHA-256 of a resolved config, whatever the order of its keys."""
-    return checksum(json.dumps(config, sort_keys=True, separators=(",", ":")))
 
 
 def checksum(content: str | bytes) -> str:
