@@ -107,16 +107,12 @@ def judge(
 
 def _apart(spec: Any, function: Any, *arguments: Any) -> Any:
     """Call a function of a problem; user code runs in a separate process."""
-    from newmark_cli.mechanisms.spec import Code
+    from newmark_cli.mechanisms.spec import Code, loaded_with
     from newmark_cli.support import apart
 
     if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
     try:
-        return apart.call(_loaded, (spec.pinned(), function, arguments))
+        return apart.call(loaded_with, (spec.pinned(), function, arguments))
     except apart.ApartError as error:
         raise InputError(f"{spec.named}: {error}") from None
-
-
-def _loaded(spec: Any, function: Any, arguments: tuple[Any, ...]) -> Any:
-    return function(spec.load(), *arguments)

@@ -237,12 +237,8 @@ def _four_bars_linked(windows: int) -> Linked:
             np.tile(np.stack([0.0 * values, -9.81 * values], axis=1), (links, 1)),
         ),
         points=Made(tops, "B{}".format),
-        links=Made(links, _rod_name),
+        links=Made(links, lambda k: ("bodies", f"{'coupler' if k % 2 else 'rod'}{(k + 1) // 2}")),
     )
-
-
-def _rod_name(place: int) -> tuple[str, str]:
-    return "bodies", f"coupler{place // 2 + 1}" if place % 2 else f"rod{place // 2}"
 
 
 def _descending(heading: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:

@@ -353,8 +353,9 @@ class Builder(builder.Builder):
         if isinstance(declared, dict):
             in_first, in_second = unit(declared[joint.from_]), unit(declared[joint.to])
             axis, other = self._turned(first, in_first), self._turned(second, in_second)
-            degrees = _degrees(axis, other)
-            askew = float(np.linalg.norm(np.cross(axis, other))) if axis @ other >= 0 else 1.0
+            sine, cosine = float(np.linalg.norm(np.cross(axis, other))), axis @ other
+            degrees = math.degrees(math.atan2(sine, cosine))
+            askew = sine if cosine >= 0 else 1.0
             if any(dot.second == "n" for dot in JOINTS[joint.type].dots):
                 message = f"its axes on {joint.from_} and {joint.to} start {degrees:.3g}° apart"
                 self.require(askew, _ASKEW, (*path, "axis"), message, "them")
@@ -549,10 +550,6 @@ class Builder(builder.Builder):
 
 
 VECTORS = ("origin", "d1", "d2", "d3")
-
-
-def _degrees(first: Array, second: Array) -> float:
-    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(first, second))), first @ second))
 
 
 def _site(side: Side) -> Sum:

@@ -409,11 +409,12 @@ def with_problem(
     if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
     request = (spec.pinned(), function, arguments)
-    result: _Result = apart.call(_loaded_with, request, timeout, owner(spec))
+    result: _Result = apart.call(loaded_with, request, timeout, owner(spec))
     return result
 
 
-def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
+def loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
+    """What a function returns of user code, for which the code runs here."""
     return function(spec.load(), *arguments)
 
 

@@ -66,15 +66,11 @@ _WORDED = tuple(
 _SELF_EXPLAINING = frozenset({"unknown_name", "own"})
 
 
-def _whole(value: Any) -> Any:
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
 # No text, no truth value: what is quoted stays text, here and in every editor.
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Truth = Annotated[bool, Strict()]
 #: Last in the ``Annotated`` of a strict int: 1e4 is a whole number, as for JSON Schema.
-WHOLE = BeforeValidator(_whole)
+WHOLE = BeforeValidator(lambda v: int(v) if isinstance(v, float) and v.is_integer() else v)
 
 KeyPath = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
