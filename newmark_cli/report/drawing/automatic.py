@@ -123,15 +123,18 @@ def _arranged(
         slopes, key=lambda s: [_place(values, getattr(s, axis)) for axis, values in order]
     )
     grids = list(_all_grids(slopes, definition, kind))
-    different = _varying([where for where, _ in grids])
+    places = [where for where, _ in grids]
+    axes_of = {axis for where in places for axis in where}
+    different = {axis for axis in axes_of if len({where.get(axis) for where in places}) > 1}
     for where, grid in grids:
         apart = {axis: value for axis, value in where.items() if axis in different}
         name = _name_parts(where, kind, slugs)
         if definition.name:
             name = [definition.name, *(slugs[pair] for pair in apart.items())]
         title = _title(where, grid, kind, titles)
-        if definition.title is not None:
-            title = _own_title(definition.title, apart)
+        if (title_of_all := definition.title) is not None:
+            rest = ", ".join(value_text(*pair) for pair in apart.items())
+            title = f"{title_of_all}: {rest}" if title_of_all and rest else title_of_all
         parts = [_part(grid, definition, *pair, titles) for pair in grid.parts]
         yield Figure(
             "-".join((study, *name))[:180],
@@ -156,11 +159,6 @@ def _all_grids(
     for values, group in grouped(slopes, one_each).items():
         for apart, grid in _grids(group, definition, kind):
             yield dict(zip(one_each, values, strict=True)) | apart, grid
-
-
-def _varying(places: Sequence[Mapping[str, str]]) -> set[str]:
-    every = {axis for where in places for axis in where}
-    return {axis for axis in every if len({where.get(axis) for where in places}) > 1}
 
 
 def _part(
@@ -308,12 +306,6 @@ def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str
             parts.append(value_text(axis, common[axis]))
     parts += [value_text("initial", common["initial"])] if common["initial"] else []
     return f"{', '.join(parts)}: {_subject(where, kind)}"
-
-
-def _own_title(title: str, apart: Mapping[str, str]) -> str:
-    """A definition's title, with what distinguishes this figure from its siblings."""
-    rest = ", ".join(value_text(*pair) for pair in apart.items())
-    return f"{title}: {rest}" if title and rest else title
 
 
 def _subject(where: Mapping[str, str], kind: str) -> str:

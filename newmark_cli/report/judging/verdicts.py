@@ -241,11 +241,8 @@ def _stalls(evidence: Evidence, points: Mask) -> bool:
     for first in range(len(places) - LEAST + 1):
         finer = h[-1] / h[first:]
         top = int(np.argmax(values[first:]))
-        from_first, from_top = (
-            values[first] * finer[0] ** 0.1,
-            values[first + top] * finer[top] ** 0.5,
-        )
-        if values[-1] >= max(from_first, from_top):
+        slow_falls = values[first] * finer[0] ** 0.1, values[first + top] * finer[top] ** 0.5
+        if values[-1] >= max(slow_falls):
             return True
     return False
 
@@ -257,12 +254,10 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
         f"does not fall with h: {value:.2g} at h = {h:g}, of which rounding changes "
         f"{evidence.uncertainty[last] * value:.2g}"
     )
-    cause = (
-        "the integrator does not damp multipliers that alternate, generalized-alpha does"
-        if evidence.undamped
-        else ""
-    )
-    return _judged(evidence, NOT_CONVERGING, points, joined(reason, cause))
+    if evidence.undamped:
+        cause = "the integrator does not damp multipliers that alternate, generalized-alpha does"
+        reason = joined(reason, cause)
+    return _judged(evidence, NOT_CONVERGING, points, reason)
 
 
 def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
