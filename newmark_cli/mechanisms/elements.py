@@ -80,8 +80,8 @@ CONSTRAINTS, QUADRATIC = (LINK, SQUARE, PRODUCT, ANGLE, COUPLE), (LINK, SQUARE, 
     KIND, SIZE, REALS, PARAMETERS, WEIGHTS, ROW, X_START, Y_START, G_START, COMPONENTS, TURNED,
     GIVEN, FIRST, SECOND, SINGLE, PLACES,
 ) = range(16)  # fmt: skip
-#: Parameters of a law of time.
-LAW = 6
+#: Parameters of a law of time, and which derivative of it: literals would compile it thrice.
+LAW, _VALUE, _RATE, _SECOND = 6, np.int64(0), np.int64(1), np.int64(2)
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
@@ -247,7 +247,7 @@ def _row(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
     x, weight, row = ints[0, e + X_START], ints[0, e + WEIGHTS], ints[0, e + ROW]
     law, multiplier = u.dtype.type(0), multipliers[row]
     if ints[0, e + GIVEN] == LAW:
-        law, _, _ = _law(t, reals, ints[0, e + PARAMETERS])
+        law = _law(t, reals, ints[0, e + PARAMETERS], _VALUE)
     elif ints[0, e + GIVEN] > 0:
         law = reals[0, ints[0, e + PARAMETERS]]
     product = _gradient(u, u.dtype.type(1), ints, reals, e, g_values)
@@ -285,7 +285,7 @@ def _driven(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
     x, g, weight = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + WEIGHTS]
     stride = 1 + ints[0, e + TURNED]
     real, multiplier = u.dtype.type, multipliers[row]
-    angle, _, _ = _law(t, reals, ints[0, e + PARAMETERS])
+    angle = _law(t, reals, ints[0, e + PARAMETERS], _VALUE)
     sine, cosine = sine_cosine(angle, real)
     phi[row] = _angular_gradient(u, real(1), cosine, sine, ints, reals, e, g_values, g)
     _push(multiplier, ints, e, force, g_values)
@@ -638,7 +638,7 @@ def _accumulate_further(
             _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values)
         elif kind == FORCE:
             p, w = ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
-            law, _, _ = _law(t, reals, p + 2)
+            law = _law(t, reals, p + 2, _VALUE)
             fx, fy = reals[0, p] * law, reals[0, p + 1] * law
             for k in range(ints[0, e + FIRST]):
                 i, a, b = ints[0, e + PLACES + k], reals[0, w + 2 * k], reals[0, w + 2 * k + 1]
@@ -697,9 +697,9 @@ def constraint_derivatives(
                 product = _gradient(vector, zero, ints, reals, begin, values)
             rate[row], curvature[row] = zero, product if kind != PRODUCT else two * product
             if ints[0, begin + GIVEN] == LAW:
-                _, turn, faster = _law(t, reals, ints[0, begin + PARAMETERS])
-                rate[row] = -turn
-                curvature[row] -= faster
+                parameters = ints[0, begin + PARAMETERS]
+                rate[row] = -_law(t, reals, parameters, _RATE)
+                curvature[row] -= _law(t, reals, parameters, _SECOND)
 
 
 @_part_allocating
@@ -754,7 +754,10 @@ def all_constraint_derivatives(
             place = ints[0, e + PLACES + ints[0, e + SECOND]]
             angle, turn, faster = u[place], v[place], w[place]
         elif ints[0, e + KIND] == ANGLE:
-            angle, turn, faster = _law(t, reals, ints[0, e + PARAMETERS])
+            for k in range(3):
+                angle, turn, faster = (
+                    turn, faster, _law(t, reals, ints[0, e + PARAMETERS], k)
+                )  # fmt: skip
         if ints[0, e + KIND] in (ANGLE, COUPLE):
             _turn(
                 u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values,
@@ -803,7 +806,7 @@ def potential(t, u, v, ints, reals):
                 stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
                 energy += reals[0, p] * stretch * stretch / 2
             else:
-                energy -= (reals[0, p] * x + reals[0, p + 1] * y) * _law(t, reals, p + 2)[0]
+                energy -= (reals[0, p] * x + reals[0, p + 1] * y) * _law(t, reals, p + 2, _VALUE)
         elif kind == TWIST:
             wound = -reals[0, p]
             for k in range(ints[0, e + SINGLE]):

@@ -46,18 +46,18 @@ _SLACK = 1e-6
 
 
 @_part
-def law(t, reals, first):
-    """The six parameters from a place on as a law of time, and its two derivatives."""
+def law(t, reals, first, derivative):
+    """The six parameters from a place on as a law of time, or a derivative of it."""
     real = reals.dtype.type
     half = real(0.5)
     rate, second = reals[0, first + 1], reals[0, first + 2]
     amplitude, frequency = reals[0, first + 3], reals[0, first + 4]
     sine, cosine = sine_cosine(frequency * t + reals[0, first + 5], real)
-    return (
-        reals[0, first] + (rate + half * second * t) * t + amplitude * sine,
-        rate + second * t + amplitude * frequency * cosine,
-        second - amplitude * frequency * frequency * sine,
-    )
+    if derivative == 0:
+        return reals[0, first] + (rate + half * second * t) * t + amplitude * sine
+    if derivative == 1:
+        return rate + second * t + amplitude * frequency * cosine
+    return second - amplitude * frequency * frequency * sine
 
 
 @_part
@@ -106,7 +106,7 @@ def _term(t, what, count, repeats, reals, r, derivative):
 @_part
 def _whole_law(t, ints, reals, e, derivative):
     """The law at e, with its terms, or its first or second derivative."""
-    value = law(t, reals, ints[0, e + 2])[derivative]
+    value = law(t, reals, ints[0, e + 2], derivative)
     another = ints[0, e + MORE]
     while another != 0:
         e += ints[0, e + 1]
