@@ -613,6 +613,7 @@ UNSCALED = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
     (UNSCALED, "u=1,lambda=2", 1e-3, "lambda must be at most 1, the number of coordinates, given"),
     (UNSCALED, "u=2,u=2,lambda=1", 1e-3, "a name is there twice"),
     (5, "u=2,lambda=1", 1e-3, "jacobian must be a matrix, several of them"),
+    (np.zeros((0, 3, 3)), "u=2,lambda=1", 1e-3, "jacobian: no matrix"),
 ])  # fmt: skip
 def test_jacobians_that_cannot_be_used(given, blocks, h, said):
     """Step sizes out of range, blocks that no mechanism has, what is no matrix and no path."""

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import faulty_code
 import numpy as np
@@ -216,6 +217,8 @@ BAD = [
     (lambda table: table.astype(str).replace("0.02", "big"), "line 3: not a number, given 'big'"),
     (lambda table: table.assign(h=-table["h"]), "line 2: h must be positive, given -0.02"),
     (lambda table: pd.concat([table, table]), "t = 0 is there twice"),
+    (lambda table: table[["h", "t", "u[P.x]", "u[P.y]"]].set_axis(["h", "t", "u1", "u3"], axis=1),
+     "no column of thrown-pendulum.yaml"),
     (lambda table: table[:0], "mine.csv: no row"),
 ]  # fmt: skip
 
@@ -237,6 +240,18 @@ def test_bad_tables_are_refused_in_a_line(cli):
     ):
         table.to_csv(path, index=False)
         assert said in cli.refused(*command, *options)
+
+
+def test_times_count_from_the_start_of_the_problem():
+    """A start before t = 0, off the grid of multiples of h; rows of a frame have no lines."""
+    subject = replace(newmark.problem(THROWN), t0=-0.25)
+    table = pd.concat([
+        newmark.march(subject, h=h, t_end=0.25, integrator="generalized-alpha rho=0.8")
+        .to_frame().assign(h=h) for h in (0.02, 0.01, 0.005)
+    ])  # fmt: skip
+    assert judged(table, subject, integrator="generalized-alpha rho=0.8").faults == ()
+    with pytest.raises(newmark.NewmarkError, match=r"row 1: t must be a time, at least -0\.25"):
+        newmark.judge(table.assign(t=table["t"] - 1), subject)
 
 
 def test_poor_tables_still_tell_something():

@@ -29,8 +29,9 @@ OTHER = "none of the four"
 _EQUAL = 1e-6
 #: How far a measured order may be from that of a scaling.
 _NEAR = 0.3
-#: Of the corner of a matrix with blocks of one size: below, it is zero but for rounding; above,
-#: it is there.  Inverses have up to 2e-5, Jacobians with their rows in any order 1e-3 or more.
+#: Of blocks of one size: the corner of what a matrix is the inverse of counts as zero up to the
+#: first, its own as there from the second on.  The first is up to 2e-5 of inverses, 1e-3 or more
+#: of Jacobians with their rows in any order.
 _ZERO, _THERE = 1e-4, 1e-6
 #: How many times better conditioned is worth another factor.
 _MUCH = 100.0
@@ -201,7 +202,9 @@ def _matrices_and_steps(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | 
         jacobian = [_dense(item) for item in jacobian]
     if not isinstance(jacobian, list | np.ndarray) or getattr(jacobian, "ndim", 1) == 0:
         raise ArgumentError("jacobian must be a matrix, several of them, or paths of files")
-    if len(jacobian) and all(isinstance(item, str | Path) for item in jacobian):
+    if not len(jacobian):
+        raise ArgumentError("jacobian: no matrix")
+    if all(isinstance(item, str | Path) for item in jacobian):
         jacobians, file_blocks, steps = _of_files(jacobian)
     else:
         jacobians, file_blocks, steps = _of_matrices(jacobian), None, []

@@ -301,7 +301,8 @@ def _printed(case: Case) -> _Seen:
 
 
 def _clock(case: Case) -> _Seen:
-    ends = np.array([run.t[-1] for run in case.runs if run.ended])
+    t0 = case.motion.problem.t0
+    ends = np.array([run.t[-1] - t0 for run in case.runs if run.ended])
     sizes = np.array([run.size for run in case.runs if run.ended])
     off = np.abs(ends - np.round(ends / sizes) * sizes)
     part = off / np.maximum(ends, sizes)
@@ -310,7 +311,7 @@ def _clock(case: Case) -> _Seen:
     alike = np.ptp(ends) <= 1e-9 * ends.max() and len(ends) > 1
     if part[at] > 1e-9 and not alike and off[at] < 0.4 * sizes[at]:
         single = " in single precision" if part[at] < 1e-3 else ""
-        yield "clock", {"t": ends[at], "off": float(off[at]), "h": sizes[at], "single": single}
+        yield "clock", {"t": t0 + ends[at], "off": float(off[at]), "h": sizes[at], "single": single}
 
 
 def _start(case: Case) -> _Seen:

@@ -136,7 +136,7 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     for name in TEXTS:
         if name in taken:
             table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
-    _refuse_rows(table, abscissa, where)
+    _refuse_rows(table, abscissa, where, problem.t0)
     later = frame[(table["t"] > problem.t0).to_numpy()]
     if not len(later):
         raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
@@ -267,13 +267,12 @@ def _number_columns(
     for part, columns in numbered.items():
         names = names_of(problem)[part]
         wanted = [f"{part}[{name}]" for name in names]
-        if len(columns) == len(names) and not set(wanted) & sources.keys():
-            sources |= {
-                name: (theirs, 1.0)
-                for name, (_, theirs) in zip(wanted, sorted(columns), strict=True)
-            }
-            first, last = sorted(columns)[0][1], sorted(columns)[-1][1]
-            span = first if len(columns) == 1 else f"{first} … {last}"
+        numbers, theirs = zip(*sorted(columns), strict=True)
+        # From 0 or from 1 on: others are not all that there are, or of two parts.
+        whole = [number - numbers[0] for number in numbers] == list(range(len(names)))
+        if whole and numbers[0] < 2 and not set(wanted) & sources.keys():
+            sources |= {name: (column, 1.0) for name, column in zip(wanted, theirs, strict=True)}
+            span = theirs[0] if len(theirs) == 1 else f"{theirs[0]} … {theirs[-1]}"
             notes.append(f"{span}: taken for {wanted[0]} … in the mechanism's order")
 
 
@@ -292,22 +291,28 @@ def _numbers(column: "pd.Series[Any]", what: str, where: str) -> Array:
             try:
                 numbers[place] = float(text)
             except ValueError:
-                line = f"line {place + 2}" if where.endswith(".csv") else f"row {place + 1}"
+                line = _line(place, where)
                 raise ArgumentError(f"{what}, {line}: not a number, given {text!r}") from None
     return numbers
 
 
-def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str) -> None:
+def _line(place: int, where: str) -> str:
+    """What a row of a table is called."""
+    return f"line {place + 2}" if where.endswith(".csv") else f"row {place + 1}"
+
+
+def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str, t0: float) -> None:
     """Refuse sizes and times out of range, and times that occur twice."""
     for name, bad, wanted in (
         (abscissa, table[abscissa] <= 0, "positive"),
-        ("t", table["t"] < 0, "a time, not negative"),
+        ("t", table["t"] < min(t0, 0.0), f"a time, at least {min(t0, 0.0):g}"),
     ):
         wrong = np.asarray(bad | ~np.isfinite(table[name]))
         if wrong.any():
             at = int(np.argmax(wrong))
             raise ArgumentError(
-                f"{where}, line {at + 2}: {name} must be {wanted}, given {table[name].iloc[at]:g}"
+                f"{where}, {_line(at, where)}: {name} must be {wanted}, "
+                f"given {table[name].iloc[at]:g}"
             )
     again = table.duplicated(["series", abscissa, "twin", "t"])
     if again.any():
