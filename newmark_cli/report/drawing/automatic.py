@@ -132,9 +132,8 @@ def _arranged(
         if definition.name:
             name = [definition.name, *(slugs[pair] for pair in apart.items())]
         title = _title(where, grid, kind, titles)
-        if (title_of_all := definition.title) is not None:
-            rest = ", ".join(value_text(*pair) for pair in apart.items())
-            title = f"{title_of_all}: {rest}" if title_of_all and rest else title_of_all
+        if definition.title is not None:
+            title = _with_values(definition.title, apart)
         parts = [_part(grid, definition, *pair, titles) for pair in grid.parts]
         yield Figure(
             "-".join((study, *name))[:180],
@@ -148,6 +147,12 @@ def _arranged(
             looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
             style=definition.style,
         )
+
+
+def _with_values(title: str, apart: Mapping[str, str]) -> str:
+    """A title, if there is one, with what tells its figure from others."""
+    rest = ", ".join(value_text(*pair) for pair in apart.items())
+    return f"{title}: {rest}" if title and rest else title
 
 
 def _all_grids(
