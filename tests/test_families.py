@@ -1,6 +1,7 @@
 """Mechanisms of any size: starts, motion, and what they are at their smallest."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -38,6 +39,14 @@ def test_starts_on_the_constraints(spec):
     assert np.abs(terms.G.T @ subject.v0).max() <= 1e-14
     assert np.linalg.matrix_rank(terms.G) == subject.m
     assert np.linalg.eigvalsh(subject.M)[0] > 0
+
+
+@each("spec", MEMBERS[::3])
+def test_problems_can_be_sent_to_other_processes(spec):
+    sent = pickle.loads(pickle.dumps(spec.load()))
+    assert sent.content == spec.load().content
+    assert sent.constraint_names == spec.load().constraint_names
+    assert sent.coordinate_names == spec.load().coordinate_names
 
 
 @each(

@@ -175,9 +175,30 @@ def _hung_linked(hanging: _Hanging) -> Linked:
         anchors=np.zeros((links, 2)),
         squares=squares,
         masses=Masses(here, here, masses, np.stack([0.0 * masses, -masses], axis=1)),
-        points=Made(links, lambda place: f"P{place + 1}"),
-        links=Made(links, lambda place: ("bars", f"bar{place + 1}")),
+        points=Made(links, _hung_point),
+        links=Made(links, _hung_bar),
     )
+
+
+# Functions with names, so that problems can be pickled.
+def _chain_linked(links: int) -> Linked:
+    return _hung_linked(_straight(links))
+
+
+def _random_chain_linked(links: int) -> Linked:
+    return _hung_linked(_random(links))
+
+
+def _hung_point(place: int) -> str:
+    return f"P{place + 1}"
+
+
+def _hung_bar(place: int) -> tuple[str, str]:
+    return "bars", f"bar{place + 1}"
+
+
+def _rod(place: int) -> tuple[str, str]:
+    return "bodies", f"{'coupler' if place % 2 else 'rod'}{(place + 1) // 2}"
 
 
 def four_bars(windows: int) -> dict[str, Any]:
@@ -237,7 +258,7 @@ def _four_bars_linked(windows: int) -> Linked:
             np.tile(np.stack([0.0 * values, -9.81 * values], axis=1), (links, 1)),
         ),
         points=Made(tops, "B{}".format),
-        links=Made(links, lambda k: ("bodies", f"{'coupler' if k % 2 else 'rod'}{(k + 1) // 2}")),
+        links=Made(links, _rod),
     )
 
 
@@ -318,14 +339,14 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             ChainSize,
             "n = 2 links, m = links",
             chain,
-            lambda links: _hung_linked(_straight(links)),
+            _chain_linked,
         ),
         "random-chain": Family(
             "random point masses on massless bars in random directions, falling",
             ChainSize,
             "n = 2 links, m = links",
             random_chain,
-            lambda links: _hung_linked(_random(links)),
+            _random_chain_linked,
         ),
         "four-bars": Family(
             "four-bar linkages side by side, falling through a singular position",
