@@ -70,8 +70,9 @@ _inline, _once = (
     LOAD, LINK, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT,
     FOLLOWER, HINGE,
 ) = range(14)  # fmt: skip
-#: Kinds that are a constraint, one row each; and those without angles.
-CONSTRAINTS, QUADRATIC = (LINK, SQUARE, PRODUCT, ANGLE, COUPLE), (LINK, SQUARE, PRODUCT)
+#: Kinds that are a constraint, one row each: without and with an angle.
+QUADRATIC, ANGULAR = (LINK, SQUARE, PRODUCT), (ANGLE, COUPLE)
+CONSTRAINTS = (*QUADRATIC, *ANGULAR)
 
 #: Columns of a header: entries of the element in ``ints``, where its numbers begin in ``reals``,
 #: its parameters and weights, its row, the first entries in the values of X, Y and G, the
@@ -80,8 +81,10 @@ CONSTRAINTS, QUADRATIC = (LINK, SQUARE, PRODUCT, ANGLE, COUPLE), (LINK, SQUARE, 
     KIND, SIZE, REALS, PARAMETERS, WEIGHTS, ROW, X_START, Y_START, G_START, COMPONENTS, TURNED,
     GIVEN, FIRST, SECOND, SINGLE, PLACES,
 ) = range(16)  # fmt: skip
-#: Parameters of a law of time, and which derivative of it: literals would compile it thrice.
-LAW, _VALUE, _RATE, _SECOND = 6, np.int64(0), np.int64(1), np.int64(2)
+#: Parameters of a law of time.
+LAW = 6
+#: Which derivative of a law: each literal number would compile it once more.
+_VALUE, _RATE, _SECOND = np.int64(0), np.int64(1), np.int64(2)
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
@@ -754,11 +757,11 @@ def all_constraint_derivatives(
             place = ints[0, e + PLACES + ints[0, e + SECOND]]
             angle, turn, faster = u[place], v[place], w[place]
         elif ints[0, e + KIND] == ANGLE:
-            for k in range(3):
-                angle, turn, faster = (
-                    turn, faster, _law(t, reals, ints[0, e + PARAMETERS], k)
-                )  # fmt: skip
-        if ints[0, e + KIND] in (ANGLE, COUPLE):
+            parameters = ints[0, e + PARAMETERS]
+            angle = _law(t, reals, parameters, _VALUE)
+            turn = _law(t, reals, parameters, _RATE)
+            faster = _law(t, reals, parameters, _SECOND)
+        if ints[0, e + KIND] in ANGULAR:
             _turn(
                 u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values,
                 acceleration_values,

@@ -135,7 +135,7 @@ class Tables:
         rare = any(kind >= elements.COUPLE for kind in self.kinds)
         function = elements.evaluate_all if rare else elements.evaluate
         derivatives, potential = elements.constraint_derivatives, elements.potential
-        if not self.kinds.isdisjoint((elements.ANGLE, elements.COUPLE)):
+        if not self.kinds.isdisjoint(elements.ANGULAR):
             derivatives = elements.all_constraint_derivatives
         if self.timed:
             function, potential = elements.evaluate_timed, elements.timed_potential

@@ -266,16 +266,13 @@ class Problem:
             ArgumentError: For other shapes, or what is not a number.
         """
         arguments = {"u": (u, self.n), "v": (v, self.n), "multipliers": (multipliers, self.m)}
-        arrays: list[Array] = []
         for name, (values, length) in arguments.items():
             array = np.asarray(values)
             if array.shape != (length,) or array.dtype.kind not in "iuf":
                 raise ArgumentError(
                     f"{name} must be {length} numbers, given an array of shape {array.shape}"
                 )
-            arrays.append(np.ascontiguousarray(array, float))
-        u, v, multipliers = arrays
-        return self.dense(self.values(float(t), u, v, multipliers))
+        return self.dense(self.values(t, u, v, multipliers))
 
     def along(self, entries: Array, vector: Array) -> Array:
         """(m,) a matrix at the pattern of Gᵀ times (n,).
