@@ -65,8 +65,8 @@ linearised._SAMPLES, linearised._ROUGHLY = 2, 1
 original = advising._advised
 
 
-def advised(spec, options):
-    return original(spec, options)
+def advised(*arguments):
+    return original(*arguments)
 
 
 def once(function):

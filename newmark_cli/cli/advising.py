@@ -12,6 +12,7 @@ from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
     axis_option,
+    call_with_problem,
     evaluation_option,
     formulation_option,
     json_option,
@@ -263,26 +264,16 @@ def _of_study(
 
 
 def _called(spec: Any, options: dict[str, Any]) -> Any:
-    """Advice on a problem; user code runs in a separate process."""
-    from newmark_cli.mechanisms.spec import Code
-    from newmark_cli.support import apart
-
-    if not isinstance(spec, Code):
-        return _advised(spec, options)
-    try:
-        return apart.call(_advised, (spec.pinned(), options))
-    except apart.ApartError as error:
-        raise InputError(f"{spec.named}: {error}") from None
+    return call_with_problem(spec, _advised, spec.label, options)
 
 
-def _advised(spec: Any, options: dict[str, Any]) -> Any:
+def _advised(problem: Any, label: str, options: dict[str, Any]) -> Any:
+    """Advice on a problem; errors name it."""
     from newmark_cli.advice.advising import advise as advised
     from newmark_cli.advice.dae import advised as advised_dae
 
     try:
-        if "code" in options:
-            return advised_dae(spec.load(), **options)
-        return advised(spec.load(), **options)
+        return (advised_dae if "code" in options else advised)(problem, **options)
     except ArgumentError as error:
-        named = str(error).startswith(f"{spec.label}: ")
-        raise InputError(str(error) if named else f"{spec.label}: {error}") from None
+        named = str(error).startswith(f"{label}: ")
+        raise InputError(str(error) if named else f"{label}: {error}") from None

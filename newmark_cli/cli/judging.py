@@ -11,9 +11,9 @@ from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
     axis_option,
+    call_with_problem,
     formulation_option,
 )
-from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
     from newmark_cli.external.judging import Judged
@@ -88,13 +88,15 @@ def judge(
     if template is not None:
         if table is not None or problem is not None:
             raise click.UsageError("--template goes without a table")
-        screen.lines(_apart(config.problem_named(template, allow_code), judging.template))
+        screen.lines(
+            call_with_problem(config.problem_named(template, allow_code), judging.template)
+        )
         screen.note(f"Write {judging.ROWS}, with 17 digits (%.17g).")
         return 0
     if table is None or problem is None:
         raise click.UsageError("give TABLE and --problem, or --template")
     arguments = {name: value for name, value in options.items() if value is not None}
-    judged: Judged = _apart(
+    judged: Judged = call_with_problem(
         config.problem_named(problem, allow_code), judging.of_files, table, arguments
     )
     if plot is not None:
@@ -103,16 +105,3 @@ def judge(
         drawing.write(judged, plot)
     screen.lines(as_json_text(judged.to_dict()) if as_json else str(judged))
     return 1 if judged.fails(strict) else 0
-
-
-def _apart(spec: Any, function: Any, *arguments: Any) -> Any:
-    """Call a function of a problem; user code runs in a separate process."""
-    from newmark_cli.mechanisms.spec import Code, loaded_with
-    from newmark_cli.support import apart
-
-    if not isinstance(spec, Code):
-        return function(spec.load(), *arguments)
-    try:
-        return apart.call(loaded_with, (spec.pinned(), function, arguments))
-    except apart.ApartError as error:
-        raise InputError(f"{spec.named}: {error}") from None

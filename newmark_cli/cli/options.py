@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from newmark_cli.cli.completion import complete
-from newmark_cli.support.errors import visible_lines
+from newmark_cli.support.errors import InputError, visible_lines
 from newmark_cli.support.processors import usable
 
 complete_config = complete("configs", files=True)
@@ -195,3 +195,18 @@ def as_json_text(value: object) -> str:
     # Only strings have such characters: JSON's own line ends are line feeds.
     hidden = {c for c in text if visible_lines(c) != c}
     return text.translate({ord(c): json.dumps(c)[1:-1] for c in hidden})
+
+
+def call_with_problem(spec: Any, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call a function of a problem as `with_problem` does.
+
+    Raises:
+        InputError: When the process of user code does not come back, or what the function raises.
+    """
+    from newmark_cli.mechanisms.spec import with_problem
+    from newmark_cli.support.apart import ApartError
+
+    try:
+        return with_problem(spec, function, *arguments)
+    except ApartError as error:
+        raise InputError(f"{spec.named}: {error}") from None
