@@ -1,7 +1,7 @@
 """Machine code that LLVM makes for one pattern, kept on disk and loaded into the process."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from numba import types
 from newmark_cli.support.cached_code import are_kept, kept_bytes
 
 _lock = threading.Lock()
-#: File → what keeps its code alive, and knows where functions stand in it.
+#: File → what keeps its code alive, and knows where its function stands.
 _loaded: dict[str, Any] = {}
 
 
@@ -31,19 +31,19 @@ def source(path: str) -> bytes:
     return Path(path).read_bytes()
 
 
-def addresses(
-    owner: Any, functions: Sequence[str], key: str, make: Callable[[], str | Any]
-) -> list[int]:
-    """Where functions stand; compiled, or read from disk, when first asked for.
+def address(owner: Any, function: str, key: str, make: Callable[[], str | Any]) -> int:
+    """Where a function stands; compiled, or read from disk, when first asked for.
+
+    Modules that are made later call it by its `symbol`.
 
     Args:
         owner: Function whose folder of compiled code has the file.
-        functions: Their names in the module.
+        function: Its name in the module.
         key: What tells the module from others, with `identity` in it, fit for the name of a
             file.
         make: Makes the module: its text, or a module that is optimised already.
     """
-    name = _file(functions, key)
+    name = _file(function, key)
     with _lock:
         if name not in _loaded:
             machine = target()
@@ -51,18 +51,24 @@ def addresses(
             engine = llvm.create_mcjit_compiler(_verified(""), machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
+            llvm.add_symbol(symbol(function, key), engine.get_function_address(function))
             _loaded[name] = engine
-        return [_loaded[name].get_function_address(function) for function in functions]
+        return int(_loaded[name].get_function_address(function))
 
 
-def is_made(owner: Any, functions: Sequence[str], key: str) -> bool:
-    """Whether `addresses` need not compile."""
-    name = _file(functions, key)
+def symbol(function: str, key: str) -> str:
+    """What other modules call a function by, once `address` has been asked for."""
+    return f"{function}_{key}"
+
+
+def is_made(owner: Any, function: str, key: str) -> bool:
+    """Whether `address` need not compile."""
+    name = _file(function, key)
     return name in _loaded or are_kept(owner, name)
 
 
-def _file(functions: Sequence[str], key: str) -> str:
-    return f"{'-'.join(functions)}-{key}"
+def _file(function: str, key: str) -> str:
+    return f"{function}-{key}"
 
 
 def generate_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -11,9 +11,9 @@ before the march:
    says so where a pivot fails: another solver then takes the step.
 3. `generated` writes the same elimination out as straight-line code, up to 800 operations, or
    3,000 with pivots by size.
-4. `specialised` writes out the evaluation of a mechanism: the loop over its elements, called
-   with ranges that are constants, so that LLVM unrolls it, and the assembly of the residual;
-   elimination, where it is written out too, becomes a part of the same function.
+4. `specialised` writes out the evaluation of a mechanism, for all forms: the loop over its
+   elements, called with ranges that are constants, so that LLVM unrolls it.  A correction of a
+   form, with the residual assembled, calls it and the elimination, where that is written out too.
 5. `static` is the linear system that a march and the measures see, with condition numbers.
 
 All code takes its numbers as arguments: one function serves every parameter, step size and

@@ -63,11 +63,15 @@ class Written(NamedTuple):
 
     def address(self) -> int:
         """Where the code stands; compiled, or read from disk, when first asked for."""
-        return machine_code.addresses(_module, [NAME], self.digest(), self.text)[0]
+        return machine_code.address(_module, NAME, self.digest(), self.text)
+
+    def symbol(self) -> str:
+        """What other modules call it by."""
+        return machine_code.symbol(NAME, self.digest())
 
     def is_made(self) -> bool:
         """Whether it has been compiled, here or before."""
-        return machine_code.is_made(_module, [NAME], self.digest())
+        return machine_code.is_made(_module, NAME, self.digest())
 
 
 def _sections(tables: MatrixTables) -> dict[str, IndexArray]:

@@ -7,9 +7,14 @@ arithmetic.  The code comes from the same compiled functions as the loops, opera
 operation, and gives the same bits.  It is kept on disk under a digest of these functions
 and of what is constant in it; step size, scaling, parameters of the mechanism and the
 state stay arguments.
+
+The evaluation, which takes longest to compile, is a module of its own, and so is the
+elimination (`generated`): all forms of a mechanism share the one, and a correction calls both.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -22,7 +27,6 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from newmark_cli.newmark import kernel
-from newmark_cli.newmark.linear.written import generated
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.march_data import UNSOLVED, ProblemTables
 from newmark_cli.newmark.scheme import Scheme
@@ -32,11 +36,11 @@ from newmark_cli.support.arrays import IndexArray
 from newmark_cli.support.cached_code import bitcode, cached_njit
 from newmark_cli.support.machine_code import generate_call
 
-#: Most elements of a mechanism that code is made for: 20 ms of compilation each, 0.1 s in space.
+#: Most elements of a mechanism that code is made for: 20 to 30 ms of compilation each.
 ELEMENTS_AT_MOST = 64
 
-#: Arguments of a problem's function, of the verbs of the kernel, and of the code for evaluation
-#: and for a correction, in their orders.
+#: Arguments of a problem's function, of the verbs of the kernel, and of the code for evaluation,
+#: elimination and a correction, in their orders.
 _EVALUATED = (
     "t", "u", "v", "multipliers", "ints", "reals", "force", "phi", "x", "y", "g",
 )  # fmt: skip
@@ -71,10 +75,11 @@ def specialised(
     """
     if problem.starts is None or not 0 < len(problem.starts) <= ELEMENTS_AT_MOST:
         return unspecialised(problem)
-    parts = _Parts(problem, problem.starts.tolist(), scheme, tables, elimination)
-    evaluate, correct = machine_code.addresses(
-        specialised, ("evaluate", "correct"), parts.digest(), parts.module
-    )
+    evaluation = _evaluation(problem, scheme, tables)
+    evaluate = evaluation.address()
+    if elimination:
+        elimination.address()
+    correct = _correction(evaluation, scheme, tables, elimination).address()
     return Specialised(call, np.array([[evaluate]], np.int64), np.array([correct], np.uint64))
 
 
@@ -83,72 +88,64 @@ def unspecialised(problem: Problem) -> Specialised:
     return Specialised(problem.function, problem.ints, np.zeros(1, np.uint64))
 
 
-class _Parts:
-    """What a module is made of: arrays that are written into the code, and shapes of all arrays."""
+@dataclass(frozen=True, eq=False)
+class _Module:
+    """A module with one function.
 
-    def __init__(
-        self,
-        problem: Problem,
-        starts: list[int],
-        scheme: Scheme,
-        tables: ProblemTables,
-        elimination: Written | None,
-    ) -> None:
-        self.function: Any = problem.function
-        self.starts, self.elimination = starts, elimination
-        self.compensated = scheme.compensated
-        self.dtype = np.dtype(scheme.dtype)
-        step, n, m = scheme.tables, problem.n, problem.m
-        self.constants: Mapping[str, IndexArray] = {
-            "ints": problem.ints,
-            "mass_rows": tables.mass_rows,
-            "mass_columns": tables.mass_columns,
-            "g_rows": tables.g_rows,
-            "g_columns": tables.g_columns,
-            "kept": step.kept,
-        }
-        x, y, g = len(tables.x_rows), len(tables.y_rows), len(tables.g_rows)
-        unknowns = len(step.kept) * n + m
-        self.shapes: dict[str, tuple[int, ...]] = {
-            **{name: array.shape for name, array in self.constants.items()},
-            "u": (n,), "v": (n,), "multipliers": (m,), "reals": tables.reals.shape,
-            "force": (n,), "phi": (m,), "x": (x,), "y": (y,), "g": (g,),
-            "sources": (x + y + g,), "mass_values": tables.mass_values.shape,
-            "left": step.left.shape, "dynamic_weights": step.dynamic_weights.shape,
-            "row_weights": step.row_weights.shape, "dynamics": (n,),
-            "rows": (len(step.row_weights), n), "moving": (3, n), "rhs": (unknowns,),
-            "phi_old": (m,), "g_old": (g,), "shift": (n,),
-        }  # fmt: skip
+    Attributes:
+        name: Of the function.
+        dtype: Of its numbers.
+        functions: Compiled functions that it is made of, with the names of their arguments.
+        constants: Arrays that are written into the code.
+        shapes: Shapes of all arrays.
+        variant: What else tells its code from that of others.
+        write: Its text, in the language of LLVM, from the module and the names of ``functions``.
+    """
 
-    def digest(self) -> str:
-        solving = self.elimination.digest() if self.elimination else ""
+    name: str
+    dtype: np.dtype[Any]
+    functions: Sequence[tuple[Any, Sequence[str]]]
+    constants: Mapping[str, IndexArray]
+    shapes: Mapping[str, tuple[int, ...]]
+    variant: str
+    write: Callable[["_Module", Sequence[str]], str]
+
+    @property
+    def number(self) -> str:
+        """Type of a number."""
+        return {4: "float", 8: "double"}[self.dtype.itemsize]
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of all that the code depends on, 32 characters."""
         digest = sha256(
-            f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.compensated} "
-            f"{solving} {self.shapes} {self.starts} ".encode()
+            f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.shapes} "
+            f"{self.variant} ".encode()
         )
-        for function in (self.function, kernel.assemble_residual):
+        for function, _ in self.functions:
             digest.update(machine_code.source(function.py_func.__code__.co_filename))
         digest.update(machine_code.source(__file__))
         for array in self.constants.values():
             digest.update(f"{array.dtype} ".encode() + array.tobytes())
         return digest.hexdigest()[:32]
 
-    def module(self) -> Any:
+    def address(self) -> int:
+        """Where its function stands."""
+        return machine_code.address(specialised, self.name, self.key, self._made)
+
+    def symbol(self) -> str:
+        """What other modules call it by."""
+        return machine_code.symbol(self.name, self.key)
+
+    def _made(self) -> Any:
         """The optimised module."""
-        evaluate, module = self._linked(self.function, _EVALUATED, None)
-        assemble, module = self._linked(kernel.assemble_residual, _ASSEMBLED, module)
-        names = [evaluate, assemble]
-        if self.compensated:
-            increase, module = self._linked(kernel.increase_phi, _INCREASED, module)
-            names.append(increase)
-        if self.elimination:
-            solving = llvm.parse_assembly(self.elimination.text())
-            module.link_in(solving)
-            names.append(generated.NAME)
-        module.link_in(llvm.parse_assembly(self._text(names)))
+        names, module = [], llvm.parse_assembly("")
+        for function, arguments in self.functions:
+            names.append(self._link(module, function, arguments))
+        module.link_in(llvm.parse_assembly(self.write(self, names)))
         # Internal functions that nothing calls are dropped.
         for function in module.functions:
-            if not function.is_declaration and function.name not in ("evaluate", "correct"):
+            if not function.is_declaration and function.name != self.name:
                 function.linkage = "internal"
         # Vectorised sums would be rounded differently.
         tuning = llvm.create_pipeline_tuning_options(speed_level=3)
@@ -168,19 +165,16 @@ class _Parts:
         passes.getModulePassManager().run(module, passes)
         return module
 
-    def _linked(self, function: Any, names: Sequence[str], module: Any) -> tuple[str, Any]:
-        """Link a compiled function into a module, where its helpers become internal."""
-        kinds = (self._type(name) for name in names)
-        name, code = bitcode(function, tuple(kinds))
+    def _link(self, module: Any, function: Any, arguments: Sequence[str]) -> str:
+        """Link a compiled function into a module, where its helpers become internal; its name."""
+        name, code = bitcode(function, tuple(map(self._type, arguments)))
         parsed = llvm.parse_bitcode(code)
         for other in parsed.functions:
             if not other.is_declaration:
                 # Linking would drop what nothing calls yet.
                 other.linkage = "external" if other.name == name else "internal"
-        if module is None:
-            return name, parsed
         module.link_in(parsed)
-        return name, module
+        return name
 
     def _type(self, name: str) -> Any:
         """Type of an argument, as numba knows it."""
@@ -190,75 +184,42 @@ class _Parts:
             return scalar
         return scalar[::1] if len(self.shapes[name]) == 1 else scalar[:, ::1]
 
-    def _text(self, names: Sequence[str]) -> str:
-        """Both functions, in the language of LLVM."""
-        number = {4: "float", 8: "double"}[self.dtype.itemsize]
-        room = ["%result = alloca ptr", "%exception = alloca ptr"]
-        # Each element is a table of its own.  The force begins at zero with the first: that of
-        # the others has no entries that could be set.
-        evaluated: list[str] = []
-        for first, last in pairwise([*self.starts, self.constants["ints"].size]):
-            row = f"getelementptr (i64, ptr @ints, i64 {first})"
-            parts = {"ints": self._array("ints", (1, last - first), row)}
-            if evaluated:
-                parts["force"] = self._array("force", (0,))
-            evaluated.append(self._call(names[0], _EVALUATED, number, parts))
-        corrected = [
-            f"%x = getelementptr {number}, ptr %sources, i64 0",
-            f"%y = getelementptr {number}, ptr %sources, i64 {self.shapes['x'][0]}",
-            f"%g = getelementptr {number}, ptr %y, i64 {self.shapes['y'][0]}",
-            *evaluated,
-        ]
-        if self.compensated:
-            corrected.append(self._call(names[2], _INCREASED, number))
-        corrected.append(self._call(names[1], _ASSEMBLED, number))
-        if self.elimination:
-            pointers = ", ".join(f"ptr %{name}" for name in _SOLVED)
-            corrected += [
-                f"%ending = call i64 @{generated.NAME}({pointers}) alwaysinline",
-                "ret i64 %ending",
-            ]
-        else:
-            corrected.append(f"ret i64 {UNSOLVED}")
-        declared = [
-            f"declare i32 @{name}({', '.join(self._kinds(arguments))})"
-            for name, arguments in zip(names, (_EVALUATED, _ASSEMBLED, _INCREASED), strict=False)
-            if name != generated.NAME
-        ]
-        if self.elimination:
-            declared.append(f"declare i64 @{generated.NAME}({', '.join(['ptr'] * len(_SOLVED))})")
-
-        def function(kind: str, name: str, arrays: Sequence[str], body: Sequence[str]) -> list[str]:
-            pointers = ", ".join(f"ptr noalias %{argument}" for argument in arrays)
-            return [f"define {kind} @{name}({number} %t, {pointers}) {{", *room, *body, "}"]
-
+    def definition(
+        self, kind: str, arrays: Sequence[str], names: Sequence[str], body: Sequence[str]
+    ) -> str:
+        """Text of the module, given the types and arguments of its function and its body."""
+        pointers = ", ".join(f"ptr noalias %{argument}" for argument in arrays)
         lines = [
-            *declared,
+            *(
+                f"declare i32 @{name}({', '.join(self._kinds(arguments))})"
+                for name, (_, arguments) in zip(names, self.functions, strict=True)
+            ),
             *(self._constant(name) for name in self.constants),
-            *function("void", "evaluate", _EVALUATE, [*evaluated, "ret void"]),
-            *function("i64", "correct", _CORRECT, corrected),
+            f"define {kind} @{self.name}({self.number} %t, {pointers}) {{",
+            "%result = alloca ptr",
+            "%exception = alloca ptr",
+            *body,
+            "}",
         ]
         return "\n".join([*lines, ""])
 
-    def _call(
-        self, function: str, names: Sequence[str], number: str, parts: Mapping[str, str] = {}
-    ) -> str:
+    def call(self, function: str, names: Sequence[str], parts: Mapping[str, str] = {}) -> str:
         arguments = [
-            f"{number} %t" if name == "t" else parts.get(name, self._array(name)) for name in names
+            f"{self.number} %t" if name == "t" else parts.get(name, self.array(name))
+            for name in names
         ]
         listed = ", ".join(["ptr %result", "ptr %exception", *arguments])
         return f"call i32 @{function}({listed}) alwaysinline"
 
     def _kinds(self, names: Sequence[str]) -> list[str]:
         """Types of arguments, after those for the result and an exception."""
-        number = {4: "float", 8: "double"}[self.dtype.itemsize]
         kinds = ["ptr", "ptr"]
         for name in names:
-            array = [] if name == "t" else self._array(name).split(", ")
-            kinds += [part.split()[0] for part in array] or [number]
+            array = [] if name == "t" else self.array(name).split(", ")
+            kinds += [part.split()[0] for part in array] or [self.number]
         return kinds
 
-    def _array(self, name: str, shape: tuple[int, ...] = (), data: str = "") -> str:
+    def array(self, name: str, shape: tuple[int, ...] = (), data: str = "") -> str:
         """An array as numba passes it: two owners, size, item size, data, shape, strides."""
         shape, constant = shape or self.shapes[name], name in self.constants
         item = (self.constants[name].dtype if constant else self.dtype).itemsize
@@ -274,6 +235,87 @@ class _Parts:
         entries = self.constants[name].ravel().tolist()
         values = ", ".join(f"i64 {entry}" for entry in entries)
         return f"@{name} = internal constant [{len(entries)} x i64] [{values}]"
+
+
+def _evaluation(problem: Problem, scheme: Scheme, tables: ProblemTables) -> _Module:
+    """The evaluation of a problem, for all forms."""
+    assert problem.starts is not None
+    starts, n, m = [*problem.starts.tolist(), problem.ints.size], problem.n, problem.m
+
+    def write(module: _Module, names: Sequence[str]) -> str:
+        # Each element is a table of its own.  The force begins at zero with the first: that of
+        # the others has no entries that could be set.
+        body: list[str] = []
+        for first, last in pairwise(starts):
+            row = f"getelementptr (i64, ptr @ints, i64 {first})"
+            parts = {"ints": module.array("ints", (1, last - first), row)}
+            if body:
+                parts["force"] = module.array("force", (0,))
+            body.append(module.call(names[0], _EVALUATED, parts))
+        return module.definition("void", _EVALUATE, names, [*body, "ret void"])
+
+    shapes = {
+        "ints": problem.ints.shape, "u": (n,), "v": (n,), "multipliers": (m,),
+        "reals": tables.reals.shape, "force": (n,), "phi": (m,), "x": tables.x_rows.shape,
+        "y": tables.y_rows.shape, "g": tables.g_rows.shape,
+    }  # fmt: skip
+    functions = [(problem.function, _EVALUATED)]
+    constants = {"ints": problem.ints}
+    return _Module(
+        "evaluate", np.dtype(scheme.dtype), functions, constants, shapes, str(starts), write
+    )
+
+
+def _correction(
+    evaluation: _Module, scheme: Scheme, tables: ProblemTables, elimination: Written | None
+) -> _Module:
+    """A correction of one form: evaluation, assembly and, perhaps, elimination."""
+    step, of_problem = scheme.tables, evaluation.shapes
+    (n,), (m,), (g,) = of_problem["u"], of_problem["phi"], of_problem["g"]
+    (x,), (y,) = of_problem["x"], of_problem["y"]
+    evaluate, solve = evaluation.symbol(), elimination.symbol() if elimination else ""
+
+    def write(module: _Module, names: Sequence[str]) -> str:
+        number = module.number
+        declared = [f"declare void @{evaluate}({number}, {', '.join(['ptr'] * len(_EVALUATE))})"]
+        evaluated = ", ".join([f"{number} %t", *(f"ptr %{name}" for name in _EVALUATE)])
+        body = [
+            f"%x = getelementptr {number}, ptr %sources, i64 0",
+            f"%y = getelementptr {number}, ptr %sources, i64 {x}",
+            f"%g = getelementptr {number}, ptr %y, i64 {y}",
+            f"call void @{evaluate}({evaluated})",
+            *(
+                module.call(name, arguments)
+                for name, (_, arguments) in zip(names, module.functions, strict=True)
+            ),
+        ]
+        if solve:
+            declared.append(f"declare i64 @{solve}({', '.join(['ptr'] * len(_SOLVED))})")
+            pointers = ", ".join(f"ptr %{name}" for name in _SOLVED)
+            body += [f"%ending = call i64 @{solve}({pointers})", "ret i64 %ending"]
+        else:
+            body.append(f"ret i64 {UNSOLVED}")
+        return "\n".join([*declared, module.definition("i64", _CORRECT, names, body)])
+
+    constants = {
+        "mass_rows": tables.mass_rows, "mass_columns": tables.mass_columns,
+        "g_rows": tables.g_rows, "g_columns": tables.g_columns, "kept": step.kept,
+    }  # fmt: skip
+    shapes = {
+        **of_problem, **{name: array.shape for name, array in constants.items()},
+        "mass_values": tables.mass_values.shape, "left": step.left.shape,
+        "dynamic_weights": step.dynamic_weights.shape, "row_weights": step.row_weights.shape,
+        "dynamics": (n,), "rows": (len(step.row_weights), n), "moving": (3, n),
+        "rhs": (len(step.kept) * n + m,), "phi_old": (m,), "g_old": (g,), "shift": (n,),
+    }  # fmt: skip
+    functions = [
+        *[(kernel.increase_phi, _INCREASED)] * scheme.compensated,
+        (kernel.assemble_residual, _ASSEMBLED),
+    ]
+    return _Module(
+        "correct", evaluation.dtype, functions, constants, shapes,
+        f"{evaluate} {solve} {scheme.compensated}", write,
+    )  # fmt: skip
 
 
 @intrinsic
