@@ -67,7 +67,7 @@ def folder(cli):
     cli.write(
         "study.yaml",
         "study: s\nproblem: swing.yaml\nform: [u-lambda]\npreconditioning: [none, optimal]\n"
-        "h: [1e-2, 1e-3, 1e-4]\nt_end: 0.3\n",
+        "h: [3e-2, 1e-2, 3e-3, 1e-3]\nt_end: 0.3\n",
     )
     return cli
 
@@ -104,12 +104,12 @@ def test_studies_with_forces_in_python(folder):
     folder("run", "study.yaml", "--allow-code")
     assert re.search(r"([56]) of \1 slopes as predicted", folder("check", "s").stdout)
     done = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
-    assert done.endswith("0 of 6 cells to run\n")
+    assert done.endswith("0 of 8 cells to run\n")
     folder("draw", "swing.yaml", "--at", "0.02", "--h", "0.01", "--allow-code")
     assert (folder.folder / "results/figures/swing.png").exists()
     folder.write("beside.py", "DENSITY = 0.4\n")
     changed = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
-    assert changed.endswith("6 of 6 cells to run\n")
+    assert changed.endswith("8 of 8 cells to run\n")
     folder.write("swing.yaml", PENDULUM.replace(":drag", ":late"))
     failed = folder("run", "study.yaml", "--allow-code", code=1)
     assert "forces.py, line 28: ValueError: no force" in failed.stderr + failed.stdout

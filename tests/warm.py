@@ -1,11 +1,12 @@
 """The console script in forks of a process that has imported what its commands import.
 
 A command takes a second or two to start, most of it imports; the suite runs hundreds.  Every
-command still has a process of its own, from the script's first line to its exit code, and
-so has the server that it starts for code of the user's.  What Python and libraries read from
-the environment as they start is that of the one process: the seed of hashes, Numba's folder
-of compiled code, the kernel of the BLAS.  Only the last of a process is left out, in which
-Python takes its modules apart; and no file waits for the disk, as nobody pulls the plug.
+command still has a process of its own, from the script's first line to its exit code.  So has
+the server that it starts for user code: a fork, too, unless the command leads a session.  What
+Python and libraries read from the environment as they start is that of the one process: the
+seed of hashes, Numba's folder of compiled code, the kernel of the BLAS.  Only the last of a
+process is left out, in which Python takes its modules apart; and no file waits for the disk,
+as nobody pulls the plug.
 """
 
 import atexit
@@ -25,8 +26,11 @@ import threading
 import time
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 from compiled import is_kept
+
+from newmark_cli.support import apart, interrupts
 
 #: The console script of the environment that runs the tests.
 SCRIPT = Path(sys.executable).with_name("newmark-study")
@@ -48,6 +52,7 @@ MODULES = (
     "report.drawing.plot",
     "report.tables.showing",
     "report.tables.theory",
+    "running.preloaded",
     "running.runner",
     "study.catalogue",
     "study.collection",
@@ -187,6 +192,7 @@ class Warm:
             "command": [*map(str, command)], "folder": str(folder),
             "environment": dict(os.environ if env is None else env),
             "session": start_new_session, "ignored": [*map(int, ignored)],
+            "address": self.address,
         }  # fmt: skip
         report, reports = os.pipe()
         given, streams = [reports], []
@@ -203,6 +209,13 @@ class Warm:
             if target == subprocess.PIPE:
                 os.close(descriptor)
         return Started(os.fdopen(report), *streams)
+
+    def serve_code(self, descriptor):
+        """Start a server for user code (`apart`), with this process's streams."""
+        asked = {"path": sys.path, "group": os.getpgrp()}
+        with open(os.devnull, "wb") as report:
+            given = [report.fileno(), 1, 2, descriptor]
+            socket.send_fds(self._control, [json.dumps(asked).encode()], given)
 
     def close(self):
         """End the process, if it was started here."""
@@ -237,7 +250,7 @@ def serve(control, entrance):
         if entrance in ready:
             clients.append(entrance.accept()[0])
         for client in [client for client in clients if client in ready]:
-            asked, given, _, _ = socket.recv_fds(client, 1 << 20, 3)
+            asked, given, _, _ = socket.recv_fds(client, 1 << 20, 4)
             if not asked:
                 if client is control:
                     return
@@ -257,7 +270,10 @@ def serve(control, entrance):
                     one.close()
                 for descriptor in (woken, wakes, given[0], *running.values()):
                     os.close(descriptor)
-                become(stdout=given[1], stderr=given[2], **json.loads(asked))
+                redirect(*given[1:3])
+                if given[3:]:
+                    become_server(given[3], **json.loads(asked))
+                become(**json.loads(asked))
             running[pid] = given[0]
             for descriptor in given[1:]:
                 os.close(descriptor)
@@ -272,8 +288,27 @@ def tell(descriptor, code):
     os.close(descriptor)
 
 
-def become(command, folder, environment, session, ignored, stdout, stderr):
-    """Be the process of a command: its arguments, folder, environment, and streams."""
+def redirect(stdout, stderr):
+    """Take these for the standard streams."""
+    null = os.open(os.devnull, os.O_RDONLY)
+    for number, descriptor in enumerate((null, stdout, stderr)):
+        os.dup2(descriptor, number)
+        os.close(descriptor)
+
+
+def become_server(descriptor, path, group):
+    """Be a server for user code, in the process group of its command."""
+    with contextlib.suppress(PermissionError, ProcessLookupError):
+        os.setpgid(0, group)
+    signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
+    os.fsync = lambda descriptor: None
+    sys.path[:] = path
+    apart._serve(descriptor)
+    leave(0)
+
+
+def become(command, folder, environment, session, ignored, address):
+    """Be the process of a command: its arguments, folder and environment."""
     signal.alarm(LIMIT)
     if session:
         os.setsid()
@@ -286,10 +321,13 @@ def become(command, folder, environment, session, ignored, stdout, stderr):
         sys.modules["dask.config"].refresh()
     os.fsync = lambda descriptor: None
     os.chdir(folder)
-    null = os.open(os.devnull, os.O_RDONLY)
-    for number, descriptor in enumerate((null, stdout, stderr)):
-        os.dup2(descriptor, number)
-        os.close(descriptor)
+    if not session:  # which a fork of another process cannot join
+
+        def forked(command, pass_fds, **options):
+            Warm(address).serve_code(*pass_fds)
+            return SimpleNamespace()
+
+        apart.subprocess = SimpleNamespace(Popen=forked, DEVNULL=subprocess.DEVNULL)
     if encoding := environment.get("PYTHONIOENCODING"):  # Python reads it as it starts
         sys.stdout.reconfigure(encoding=encoding)
     sys.argv = command
