@@ -14,7 +14,7 @@ import scipy.sparse
 from conftest import SWING
 from covering import covering
 from each import each
-from test_docs import QUICKER
+from warm import QUICKER
 
 import newmark_cli as newmark
 from newmark_cli.advice import advising, linearised
@@ -56,10 +56,9 @@ def without_floors(monkeypatch):
 @pytest.fixture
 def advise_cli(cli, few_draws):
     """The command `advise` that draws less often, too."""
-    script = cli.write("quicker.py", QUICKER)
 
     def run(*arguments):
-        done = cli.warm.run(["advise", *map(str, arguments)], cli.folder, script)
+        done = cli.warm.run(["advise", *map(str, arguments)], cli.folder, QUICKER)
         assert (done.returncode, done.stderr) == (0, "")
         return done.stdout
 

@@ -11,7 +11,7 @@ import click
 import pytest
 import yaml
 from pages import ROOT, blocks, commands, inline, pages
-from warm import SCRIPT
+from warm import QUICKER, SCRIPT
 
 import newmark_cli as newmark
 from newmark_cli.cli.commands import cli as group
@@ -51,45 +51,6 @@ STUDY = {
     "measure": ["correction", "condition", "error"], "h": [0.1, 0.05], "t_end": 1.0,
 }  # fmt: skip
 COUNTED = re.compile(r"^(\d+) of (\d+) slopes as predicted")
-
-#: The command, where advice draws less often what rounding does, marches are timed once, and of
-#: several figures the first is drawn and stands for all: no page shows these numbers, or files.
-#: Processes for code of the user's import it, too.
-QUICKER = """from newmark_cli.cli import advising
-from newmark_cli.console import main
-from newmark_cli.advice import linearised
-from newmark_cli.study import compute
-
-compute._MEASURED = 1e-9
-linearised._SAMPLES, linearised._ROUGHLY = 2, 1
-original = advising._advised
-
-
-def advised(*arguments):
-    return original(*arguments)
-
-
-def once(function):
-    found = []
-
-    def first(*arguments, **options):
-        if not found:
-            found.append(function(*arguments, **options))
-        return found[0]
-
-    return first
-
-
-if __name__ == "__main__":
-    import quicker
-    from newmark_cli.report import page
-    from newmark_cli.report.drawing import draw, rendering, style
-
-    advising._advised = quicker.advised
-    draw.drawn, rendering._WORTH = once(draw.drawn), 10**9
-    style.rendered = page.rendered = once(style.rendered)
-    main()
-"""
 
 
 def agrees(shown, printed):
@@ -176,7 +137,7 @@ class Reader:
             script = SCRIPT
             if rest[0] in ("advise", "draw", "plot", "report") or "--timed" in rest:
                 assert rest[0] != "advise" or not command.shown, command
-                script = self.cli.write("quicker.py", QUICKER)
+                script = QUICKER
             done = self.cli.warm.run(rest, self.cli.folder, script)
             printed = re.sub(r" \(\d+ cached\)", "", done.stdout + done.stderr)
             refused = bool(command.shown) and command.shown[0].startswith("newmark-study: ")

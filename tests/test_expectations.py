@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from conftest import rows_in
 from each import each
-from test_docs import QUICKER
+from warm import QUICKER
 
 import newmark_cli as newmark
 from newmark_cli.report.tables import outcomes
@@ -366,8 +366,7 @@ def test_annotations_are_one_line_each_and_no_more_than_github_shows():
 def test_the_page_has_them(expecting):
     """Next to the slopes, and in the sentence above them."""
     cli = expecting("{measure: error, quantity: u, preconditioning: none, slope: 3}")
-    quicker = cli.write("quicker.py", QUICKER)
-    done = cli.warm.run(["report", "--output", "page.html"], cli.folder, quicker)
+    done = cli.warm.run(["report", "--output", "page.html"], cli.folder, QUICKER)
     assert (done.returncode, done.stderr) == (0, "")
     page = (cli.folder / "page.html").read_text()
     assert "Expectations of the studies" in page

@@ -4,6 +4,7 @@ import examples
 import numpy as np
 import pytest
 from each import each
+from warm import QUICKER, SCRIPT
 
 PLANAR = """\
 points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 2}}
@@ -80,7 +81,8 @@ def test_commands_work_or_say_why_not(folder, warm, words, subject, works):
     """Exit code 0 and something printed, or 2 and one line on stderr."""
     command = words.split()
     code = ["--allow-code"] if command[0] in CODE else []
-    require(warm.run([*command, subject, *code], folder), works)
+    script = QUICKER if command[0] == "advise" else SCRIPT
+    require(warm.run([*command, subject, *code], folder, script), works)
 
 
 @each("problem, works", [

@@ -34,6 +34,8 @@ from newmark_cli.support import apart, interrupts
 
 #: The console script of the environment that runs the tests.
 SCRIPT = Path(sys.executable).with_name("newmark-study")
+#: The same without what no test looks at.
+QUICKER = Path(__file__).with_name("quicker.py")
 
 #: What many commands import, with what these import in turn.
 MODULES = (
