@@ -81,6 +81,17 @@ def code_of(subject, h=1e-3, form="u-lambda", static=False, **changes):
     return int(engine._code[0]), int(engine._tables.ints[0, 0])
 
 
+def test_forms_share_the_evaluation():
+    """Each has a correction of its own, and each solver."""
+    subject = problem("pendulum")
+    codes = [
+        code_of(subject, form=form, static=static)
+        for form, static in (("u-lambda", False), ("a-lambda", False), ("a-lambda", True))
+    ]
+    corrections, evaluations = map(set, zip(*codes, strict=True))
+    assert (len(corrections), len(evaluations)) == (3, 1)
+
+
 def test_parameters_are_arguments():
     """A mechanism under another gravity marches with the code of the first one."""
     scheme = scheme_of("u-lambda", "none", 1e-3)
