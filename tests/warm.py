@@ -214,7 +214,7 @@ class Warm:
 
     def serve_code(self, descriptor):
         """Start a server for user code (`apart`), with this process's streams."""
-        asked = {"path": sys.path, "group": os.getpgrp()}
+        asked = {"path": sys.path, "group": os.getpgrp(), "environment": dict(os.environ)}
         with open(os.devnull, "wb") as report:
             given = [report.fileno(), 1, 2, descriptor]
             socket.send_fds(self._control, [json.dumps(asked).encode()], given)
@@ -298,12 +298,22 @@ def redirect(stdout, stderr):
         os.close(descriptor)
 
 
-def become_server(descriptor, path, group):
+def take(environment):
+    """Have this environment, in which no file waits for the disk."""
+    os.environ.clear()
+    os.environ.update(environment)
+    tempfile.tempdir = None  # as found in another environment
+    if "dask.config" in sys.modules:  # has read another
+        sys.modules["dask.config"].refresh()
+    os.fsync = lambda descriptor: None
+
+
+def become_server(descriptor, path, group, environment):
     """Be a server for user code, in the process group of its command."""
     with contextlib.suppress(PermissionError, ProcessLookupError):
         os.setpgid(0, group)
     signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
-    os.fsync = lambda descriptor: None
+    take(environment)
     sys.path[:] = path
     apart._serve(descriptor)
     leave(0)
@@ -316,12 +326,7 @@ def become(command, folder, environment, session, ignored, address):
         os.setsid()
     for number in ignored:
         signal.signal(number, signal.SIG_IGN)
-    os.environ.clear()
-    os.environ.update(environment)
-    tempfile.tempdir = None  # as found in another environment
-    if "dask.config" in sys.modules:  # has read another
-        sys.modules["dask.config"].refresh()
-    os.fsync = lambda descriptor: None
+    take(environment)
     os.chdir(folder)
     if not session:  # which a fork of another process cannot join
 
