@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import pickle
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 from each import each
 
 import newmark_cli as newmark
+from newmark_cli.newmark import kernel
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.problems.fingerprint import of_definition
 
@@ -305,6 +307,7 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
 INTERRUPTED = """\
 import signal
 import newmark_cli as newmark
+from newmark_cli.newmark import kernel
 signal.signal(signal.SIGVTALRM, lambda number, frame: signal.raise_signal(signal.SIGINT))
 newmark.march("pendulum", h=1e-6, steps=10)
 for delay in (0.05, 0.21):
@@ -325,6 +328,24 @@ def test_an_interrupt_leaves_a_usable_trajectory(cli):
     """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
     done = cli.warm.run([], cli.folder, cli.write("interrupted.py", INTERRUPTED))
     assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
+
+
+def test_an_interrupt_is_not_lost_on_the_way_to_the_kernel(monkeypatch):
+    """As numba asks for the address of a function, it takes an exception for a missing argument."""
+    address = kernel._Compiled.__wrapper_address__
+
+    def interrupted(function):
+        signal.raise_signal(signal.SIGINT)
+        return address(function)
+
+    monkeypatch.setattr(kernel._Compiled, "__wrapper_address__", interrupted)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt) as caught:
+            newmark.march("pendulum", h=1e-2, steps=5)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert caught.value.trajectory.status == "interrupted"
 
 
 #: A point that is pulled out of its line of motion ever faster: λ and u overflow.
@@ -538,6 +559,7 @@ def test_importing_takes_no_library():
 MEMORY = """\
 from pathlib import Path
 import newmark_cli as newmark
+from newmark_cli.newmark import kernel
 
 def most():
     # Not getrusage: it counts what the process was before it was this one.

@@ -38,6 +38,7 @@ from newmark_cli.newmark.march_data import (
     SINGULAR,
     UNSOLVED,
 )
+from newmark_cli.support import interrupts
 from newmark_cli.support.cached_code import cached_njit, part_njit
 from newmark_cli.support.machine_code import generate_call
 
@@ -1383,4 +1384,6 @@ def march(functions, code, problem, matrices, extra, state, schedule, sizes, cou
             # one function, in every process.
             compiled.disable_compile()
             _compiled[dtype, formulated] = compiled
-    return _compiled[dtype, formulated](*given, *numbers)
+    # As numba takes functions from Python, an exception of a signal's handler would be lost.
+    with interrupts.deferred():
+        return _compiled[dtype, formulated](*given, *numbers)

@@ -79,6 +79,23 @@ def held(names: Iterable[int] = tuple(NAMES)) -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def deferred() -> Iterator[None]:
+    """Ctrl-C waits until the end of this context, whoever answers it; only in the main thread."""
+    answer = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(answer):
+        yield
+        return
+    arrived: list[FrameType | None] = []
+    signal.signal(signal.SIGINT, lambda number, frame: arrived.append(frame))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, answer)
+        if arrived:
+            answer(signal.SIGINT, arrived[0])
+
+
+@contextlib.contextmanager
 def before_end(action: Callable[[], object]) -> Iterator[None]:
     """Call a function before a signal ends the process in this context."""
     _State.before_end.append(action)
