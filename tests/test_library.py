@@ -307,7 +307,6 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
 INTERRUPTED = """\
 import signal
 import newmark_cli as newmark
-from newmark_cli.newmark import kernel
 signal.signal(signal.SIGVTALRM, lambda number, frame: signal.raise_signal(signal.SIGINT))
 newmark.march("pendulum", h=1e-6, steps=10)
 for delay in (0.05, 0.21):
@@ -561,7 +560,6 @@ def test_importing_takes_no_library():
 MEMORY = """\
 from pathlib import Path
 import newmark_cli as newmark
-from newmark_cli.newmark import kernel
 
 def most():
     # Not getrusage: it counts what the process was before it was this one.

@@ -45,6 +45,14 @@ def late(positions, velocities, t):
     if t > 0.02:
         raise ValueError("no force")
     return 0 * positions
+
+
+def ends(positions, velocities, t):
+    import os
+
+    if t > 0:
+        os._exit(3)
+    return 0 * positions
 """
 PENDULUM = """\
 points:
@@ -113,6 +121,9 @@ def test_studies_with_forces_in_python(folder):
     folder.write("swing.yaml", PENDULUM.replace(":drag", ":late"))
     failed = folder("run", "study.yaml", "--allow-code", code=1)
     assert "forces.py, line 28: ValueError: no force" in failed.stderr + failed.stdout
+    folder.write("swing.yaml", PENDULUM.replace(":drag", ":ends"))
+    line = folder.refused("draw", "swing.yaml", "--at", "0.02", "--h", "0.01", "--allow-code")
+    assert line.endswith("its process ended with code 3")
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
     axis_option,
+    call_with_problem,
     complete_config,
     evaluation_option,
     flag,
@@ -186,7 +187,6 @@ def draw(
         raise InputError(
             f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
         )
-    from newmark_cli.mechanisms.spec import with_problem
     from newmark_cli.problems.problem import is_beyond
     from newmark_cli.report.drawing import draw_mechanism, style
     from newmark_cli.study import keys, motion
@@ -201,7 +201,7 @@ def draw(
     places = [subject.u0]
     if time:
         shown = frames if animated else 2
-        moved = with_problem(spec, motion.motion, time, shown, step, integrator)
+        moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)
         places = list(moved.positions)
         if moved.doubt:
             advice = "" if step is None else "; try a smaller --h"

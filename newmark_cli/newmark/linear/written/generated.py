@@ -66,7 +66,8 @@ class Written(NamedTuple):
         return machine_code.address(_module, NAME, self.digest(), self.text)
 
     def symbol(self) -> str:
-        """What other modules call it by."""
+        """The name by which other modules call it; loads it first."""
+        self.address()
         return machine_code.symbol(NAME, self.digest())
 
     def is_made(self) -> bool:

@@ -76,10 +76,8 @@ def specialised(
     if problem.starts is None or not 0 < len(problem.starts) <= ELEMENTS_AT_MOST:
         return unspecialised(problem)
     evaluation = _evaluation(problem, scheme, tables)
-    evaluate = evaluation.address()
-    if elimination:
-        elimination.address()
     correct = _correction(evaluation, scheme, tables, elimination).address()
+    evaluate = evaluation.address()
     return Specialised(call, np.array([[evaluate]], np.int64), np.array([correct], np.uint64))
 
 
@@ -134,7 +132,8 @@ class _Module:
         return machine_code.address(specialised, self.name, self.key, self._made)
 
     def symbol(self) -> str:
-        """What other modules call it by."""
+        """The name by which other modules call it; loads it first."""
+        self.address()
         return machine_code.symbol(self.name, self.key)
 
     def _made(self) -> Any:
@@ -204,6 +203,7 @@ class _Module:
         return "\n".join([*lines, ""])
 
     def call(self, function: str, names: Sequence[str], parts: Mapping[str, str] = {}) -> str:
+        """A call of one of ``functions``; in place of some arguments, others."""
         arguments = [
             f"{self.number} %t" if name == "t" else parts.get(name, self.array(name))
             for name in names
