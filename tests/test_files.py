@@ -46,6 +46,8 @@ def special(kind: str, path: Path, outside: Path) -> None:
             os.mkfifo(path)
         case "link":
             path.symlink_to(outside)
+        case "other name":
+            os.link(outside, path)
         case "endless":
             path.symlink_to("/dev/zero")
         case "folder":
@@ -98,6 +100,7 @@ def test_what_is_not_json(text, words):
     [
         ("fifo", ".lock", False),
         ("link", ".lock", False),
+        ("other name", ".lock", False),
         ("fifo", "quick.csv", True),
         ("folder", "quick.json", False),
         ("link", "quick.csv", True),

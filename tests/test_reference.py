@@ -1,12 +1,14 @@
 """References: against exact and published motions, their own estimates, and their storage."""
 
 import json
+import os
 from functools import partial
 
 import numpy as np
 import oracles
 import pytest
 from conftest import SWING as CODE
+from damaging import damaged
 from each import each
 from mechanisms import built
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
@@ -384,6 +386,42 @@ def test_damaged_files_are_written_anew(tmp_path, counted, damage):
     assert counted == [0.2, 0.2]
     assert path.read_text() == whole
     assert files(tmp_path) == [path]
+
+
+def test_damaged_files_are_never_read(tmp_path):
+    """One flipped bit, cut, or empty: computed again."""
+    first = stored_in(tmp_path).of(SPEC, 0.2)
+    (path,) = files(tmp_path)
+    whole, times = path.read_bytes(), []
+
+    def solve(spec, t):
+        times.append(t)
+        return first
+
+    for content in damaged(whole):
+        path.write_bytes(content)
+        times.clear()
+        assert same(References(tmp_path, solve).of(SPEC, 0.2), first)
+        assert times == [0.2]
+        assert path.read_bytes() == whole
+
+
+def test_forced_runs_compute_references_anew(cli):
+    """Another run takes them from their files."""
+    cli.write(
+        "swings.yaml",
+        "study: swings\nproblem: double-pendulum\nform: u-lambda\npreconditioning: none\n"
+        "h: 0.1\nsteps: 2\nmeasure: error\n",
+    )
+    cli("run", "swings.yaml")
+    (path,) = files(cli.folder / "results")
+    before = path.read_bytes()
+    os.utime(path, (1, 1))
+    cli("run", "swings.yaml")
+    assert path.stat().st_mtime == 1
+    cli("run", "swings.yaml", "--force")
+    assert path.stat().st_mtime > 1
+    assert path.read_bytes() == before
 
 
 SWING = """\

@@ -23,13 +23,14 @@ from conftest import (
     wait_until,
     write_swings,
 )
+from damaging import damaged
 from hypothesis import given
 from hypothesis import strategies as st
 from test_show import on_a_terminal
 
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
-from newmark_cli.running import store
+from newmark_cli.running import runner, store
 from newmark_cli.study import config, results, trajectories
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
@@ -113,6 +114,20 @@ def test_dry_runs_say_why(cli):
     assert found[3] == "to run: the numerical core has changed"
     before = csv(cli.folder / "results")
     assert "(4 cached)" not in cli("run", "quick.yaml").stdout
+    assert csv(cli.folder / "results") == before
+
+
+def test_damaged_cells_are_computed_again(cli, quick):
+    """One flipped bit, cut, or empty: never read as a result."""
+    cli("run", "quick.yaml")
+    before = csv(cli.folder / "results")
+    studies = [config.load(quick)]
+    file = sorted((cli.folder / "results/cells").glob("*.json"))[0]
+    for content in damaged(file.read_bytes()):
+        file.write_bytes(content)
+        planned = runner.plan(studies, cli.folder / "results")
+        assert sorted(entry.why for entry in planned) == ["", "", "", "cached result is damaged"]
+    assert "(3 cached)" in cli("run", "quick.yaml").stdout
     assert csv(cli.folder / "results") == before
 
 

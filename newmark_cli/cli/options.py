@@ -144,7 +144,7 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
                 help="Number of threads, or of processes for problems in Python; one per "
                 "processor by default.",
             ),
-            flag("--force", help="Recompute cached cells."),
+            flag("--force", help="Recompute cached cells and references."),
             click.option(
                 "--fail-fast/--keep-going",
                 help="Stop at the first cell that fails, or run all others (default).",

@@ -2,8 +2,8 @@
 
 A converged reference is kept in ``references/<problem>-<t>-<content>.json``, where
 the content is a digest of everything that its numbers depend on: a changed
-mechanism has another file, and one that does not fit or cannot be read is computed
-again.
+mechanism has another file.  Where the digest of the file's text, its last key, does not
+match, the reference is computed again.
 """
 
 import hashlib
@@ -21,7 +21,6 @@ from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
 from newmark_cli.support import files
-from newmark_cli.support.arrays import Array
 
 #: Computes the solution of a problem at a time.
 Solve = Callable[[ProblemSpec, float], Reference]
@@ -34,10 +33,16 @@ class References:
     disk: the next run, which may have more time, tries again.
     """
 
-    def __init__(self, folder: Path, solve: Solve) -> None:
-        """Take a results folder; nothing is read or written yet."""
+    def __init__(self, folder: Path, solve: Solve, anew: bool = False) -> None:
+        """Take a results folder; nothing is read or written yet.
+
+        Args:
+            folder: Results folder.
+            solve: Computes what is not stored.
+            anew: Whether what is stored is computed again.
+        """
         self._results, self._folder = folder, folder / "references"
-        self._solve = solve
+        self._solve, self._anew = solve, anew
         self._guard = threading.Lock()
         self._locks: dict[str, threading.Lock] = {}
         self._solved: dict[str, Reference | NoReference] = {}
@@ -75,11 +80,11 @@ class References:
         """The reference from its file, which is written if none fits."""
         safe = re.sub(r"[^A-Za-z0-9._=-]+", "-", spec.label).strip("-.")[:80]
         path = self._folder / f"{safe}-{float(t)!r}-{content[:12]}.json"
-        solution = _read(path, problem, t, content)
+        solution = None if self._anew else _read(path, t, content)
         if solution is None:
             solution = self._solve(spec, t)
             files.make_folder(self._folder, self._results)
-            files.write_json(path, _record(spec.label, solution, content), self._results)
+            files.write_sealed(path, _record(spec.label, solution, content), self._results)
         return solution
 
 
@@ -110,31 +115,20 @@ def _record(label: str, solution: Reference, content: str) -> dict[str, Any]:
     }
 
 
-def _read(path: Path, problem: Problem, t: float, content: str) -> Reference | None:
+def _read(path: Path, t: float, content: str) -> Reference | None:
     """The reference in a file; None if it is missing, damaged or of something else."""
-    try:
-        record = files.read_mapping(path)
-        if record["content"] != content:
-            return None
-        estimated = record["estimated_error"]
-        return Reference(
-            t=t,
-            u=_array(record["u"], problem.n),
-            v=_array(record["v"], problem.n),
-            multipliers=_array(record["lambda"], problem.m),
-            scales=_array(record["lambda_scale"], problem.m),
-            source=str(record["source"]),
-            u_error=float(estimated["u"]),
-            v_error=float(estimated["v"]),
-            multipliers_error=float(estimated["lambda"]),
-        )
-    except (ValueError, KeyError, TypeError):
+    record = files.read_sealed(path)
+    if record.get("content") != content:
         return None
-
-
-def _array(numbers: Any, size: int) -> Array:
-    """(size,) finite numbers; ValueError or TypeError for anything else."""
-    array = np.array(numbers, float)
-    if array.shape != (size,) or not np.all(np.isfinite(array)):
-        raise ValueError("not a vector of that size")
-    return array
+    estimated = record["estimated_error"]
+    return Reference(
+        t=t,
+        u=np.array(record["u"], float),
+        v=np.array(record["v"], float),
+        multipliers=np.array(record["lambda"], float),
+        scales=np.array(record["lambda_scale"], float),
+        source=record["source"],
+        u_error=estimated["u"],
+        v_error=estimated["v"],
+        multipliers_error=estimated["lambda"],
+    )

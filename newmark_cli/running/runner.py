@@ -35,7 +35,7 @@ class Options:
     """How studies are run."""
 
     jobs: int  #: most threads, and most processes
-    force: bool = False  #: whether cells that are kept are computed again
+    force: bool = False  #: whether kept cells and references are computed again
     fail_fast: bool = False  #: whether the first cell that does not end well ends the run
     timeout: float | None = None  #: most wall time of a cell (s)
     executor: str = "local"  #: ``local`` or ``dask``
@@ -136,7 +136,7 @@ def run_studies(
         trajectories.require_parquet()
     with _held(studies, folder, "run", shard):
         store = Store(folder)
-        references = References(folder, partial(_solution, timeout=options.timeout))
+        references = References(folder, partial(_solution, timeout=options.timeout), options.force)
         planned = [
             _looked_after(entry, references, store)
             for entry in plan(studies, folder, options.force, options.shard)

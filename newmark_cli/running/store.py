@@ -3,7 +3,8 @@
 A cell is kept in ``cells/<cell>-<problem>-<core>.json``, the digests of the cell as
 it is resolved, of the content of its problem, and of the numerical core with the
 libraries it computes with.  Studies that share a cell share its file.  File times
-mean nothing.
+mean nothing.  A file ends with a digest of its text; where that does not match, the
+cell is computed again.
 """
 
 import hashlib
@@ -21,7 +22,7 @@ from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 from newmark_cli.study.provenance import version
-from newmark_cli.support import files
+from newmark_cli.support import files, sources
 from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def file_name(cell: Cell) -> str:
 
 def core_of(file: Path) -> str | None:
     """Digest of the core that has computed a finished cell; None if its file cannot be used."""
-    record = files.read_mapping(file)
+    record = files.read_sealed(file)
     try:
         key = _Key(**record["key"])
     except (KeyError, TypeError):
@@ -93,7 +94,7 @@ class Store:
             "versions": versions(),
             **_adapter().dump_python(done),
         }
-        files.write_json(self._folder / key.file, record, self._results)
+        files.write_sealed(self._folder / key.file, record, self._results)
 
     def why(self, cell: Cell) -> str:
         """Why a cell that `find` does not find is to be run."""
@@ -130,14 +131,14 @@ class Store:
             raise ResultsError(f"{folder}: holds no finished cells")
         new = 0
         for file in paths:
-            theirs, ours = files.read_mapping(file), files.read_mapping(self._folder / file.name)
+            theirs, ours = files.read_sealed(file), files.read_sealed(self._folder / file.name)
             if _worth(_done(theirs)) > _worth(_done(ours)):
-                files.write_json(self._folder / file.name, theirs, self._results)
+                files.write_sealed(self._folder / file.name, theirs, self._results)
                 new += 1
         return new
 
     def _read(self, key: _Key) -> dict[str, Any]:
-        record = files.read_mapping(self._folder / key.file)
+        record = files.read_sealed(self._folder / key.file)
         # File names hold only the first digits.
         return record if record.get("key") == asdict(key) else {}
 
@@ -190,10 +191,8 @@ def core() -> str:
     ]
     # The package's own version says nothing that its code does not.
     libraries = {name: v for name, v in versions().items() if name != "newmark-study"}
-    digest = hashlib.sha256(json.dumps(libraries, sort_keys=True).encode())
-    for file in files:
-        digest.update(file.name.encode() + b"\0" + file.read_bytes())
-    return digest.hexdigest()
+    text = json.dumps(libraries, sort_keys=True) + sources.digest(files)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 @cache

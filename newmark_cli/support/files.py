@@ -9,6 +9,7 @@ record show it, and the next run writes them again.
 
 import contextlib
 import errno
+import hashlib
 import json
 import os
 import re
@@ -41,6 +42,8 @@ _NO_LINK = _flags("O_NOFOLLOW")
 
 #: Largest file of results that is read (bytes).
 MOST = 1 << 30
+#: What comes before the digest of a sealed file.
+_SEAL = ',\n  "sha256": "'
 #: A file under its temporary name: that of the target, and what `tempfile` adds.
 _TEMPORARY = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
 
@@ -88,12 +91,15 @@ def descriptor_of_own(path: Path) -> int:
     """Descriptor of a file that is read and written in place, made if it is not there.
 
     Raises:
-        OSError: It cannot be opened, is a link, or is not a regular file.
+        OSError: It cannot be opened, is a link, is not a regular file, or has another name.
     """
     descriptor = _open(path, os.O_RDWR | os.O_CREAT | _NO_WAIT)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+    status = os.fstat(descriptor)
+    regular = stat.S_ISREG(status.st_mode)
+    if not regular or status.st_nlink > 1:
         os.close(descriptor)
-        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+        what = "it has another name, too" if regular else "it is not a regular file"
+        raise OSError(errno.EINVAL, what, str(path))
     return descriptor
 
 
@@ -193,6 +199,26 @@ def write_json(path: Path, value: Any, within: Path | None = None) -> None:
 def json_text(value: Any) -> str:
     """JSON for people to read."""
     return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_sealed(path: Path, value: Mapping[str, Any], within: Path) -> None:
+    """`write_json` of a mapping, with a digest of its text as the last key."""
+    text = json_text(value).removesuffix("\n}\n")
+    write(path, text + _seal(text.encode()), within)
+
+
+def read_sealed(path: Path) -> dict[str, Any]:
+    """What `write_sealed` was given; empty if it is not there, to the bit."""
+    with contextlib.suppress(OSError):
+        text, key, _ = (content := read(path)).rpartition(_SEAL.encode())
+        if key and content == text + _seal(text).encode():
+            value: dict[str, Any] = parse_json(text + b"}")
+            return value
+    return {}
+
+
+def _seal(text: bytes) -> str:
+    return f'{_SEAL}{hashlib.sha256(text).hexdigest()}"\n}}\n'
 
 
 def write_output(path: Path, content: str | bytes) -> None:
