@@ -26,7 +26,7 @@ PARTS = (
 def is_kept():
     """Whether anything is, of the kernel as it is now."""
     changed = KERNEL.stat().st_mtime
-    kept = (KERNEL.parent / "__pycache__").glob(f"{KERNEL.stem}.*.nbi")
+    kept = (KERNEL.parent / "__pycache__").glob(f"{KERNEL.stem}.*.nbc")
     return any(file.stat().st_mtime > changed for file in kept)
 
 

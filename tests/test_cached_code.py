@@ -1,12 +1,18 @@
 """Compiled code that is kept on disk, and where it cannot be kept."""
 
 import importlib.util
+import os
+import shutil
+import subprocess
 import sys
+import tempfile
+from pathlib import Path
 
 import numba
 import pytest
-from numba.core.caching import IndexDataCacheFile
+from damaging import damaged
 
+import newmark_cli
 from newmark_cli.support import cached_code
 
 TRIPLE = """
@@ -57,6 +63,77 @@ def test_bytes_are_made_once(tmp_path, monkeypatch):
     assert cached_code.kept_bytes(owner, "code-0123", lambda: b"other") == b"made"
 
 
+def test_damaged_code_is_compiled_anew(tmp_path, monkeypatch):
+    """One flipped bit, cut, or empty: never loaded, and replaced."""
+    folder = kept_in(tmp_path, monkeypatch)
+    tripled(tmp_path, 2)
+    (file,) = (path for path in folder.rglob("*") if path.is_file())
+    for content in damaged(file.read_bytes(), flips=10):
+        file.write_bytes(content)
+        assert tripled(tmp_path, 2) == (6, 0)
+        assert tripled(tmp_path, 2) == (6, 1)
+    assert [path for path in folder.rglob("*") if path.is_file()] == [file]
+
+
+def test_damaged_bytes_are_made_anew(tmp_path, monkeypatch):
+    """So is machine code that was made from something else."""
+    folder = kept_in(tmp_path, monkeypatch)
+    tripled(tmp_path, 2)
+    owner = sys.modules["tripled"].triple.py_func
+    made = []
+
+    def kept(made_from="sources"):
+        def make():
+            made.append(made_from)
+            return b"made from " + made_from.encode()
+
+        return cached_code.kept_bytes(owner, "code-0123", make, made_from)
+
+    assert kept() == b"made from sources"
+    (file,) = folder.rglob("code-0123*")
+    for content in damaged(file.read_bytes()):
+        file.write_bytes(content)
+        made.clear()
+        assert not cached_code.are_kept(owner, "code-0123", "sources")
+        assert [kept(), kept()] == [b"made from sources"] * 2
+        assert made == ["sources"]
+    assert kept("others") == b"made from others"
+    assert [*folder.rglob("code-0123*")] == [file]
+
+
+#: Value of a law of time at t = 0, A sin φ.
+LAW = """
+import numpy as np
+from newmark_cli.mechanisms import laws, timed
+
+ints = np.array([[laws.LAW, 7, 1, 0, 0, 0, 0]])
+print(timed.at_time(0.0, ints, np.array([[0, 0, 0, 0, 1, 0, 0.5, 1]]))[0, 0])
+"""
+
+
+def test_changes_of_other_files_are_noticed(tmp_path):
+    """Laws of time are compiled anew after a change of the file that has their sines."""
+    copy = tmp_path / "newmark_cli"
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(Path(newmark_cli.__file__).parent, copy, ignore=ignored)
+    surroundings = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+
+    def law():
+        command = [sys.executable, "-P", "-c", LAW]
+        done = subprocess.run(
+            command, env=os.environ | surroundings, capture_output=True, text=True, check=True
+        )
+        return float(done.stdout)
+
+    assert law() == pytest.approx(0.479425538604203)
+    sines = copy / "mechanisms/sines.py"
+    before = sines.read_text()
+    after = before.replace("    sine = near", "    sine = 2 + near")
+    assert after != before
+    sines.write_text(after)
+    assert law() == pytest.approx(2.479425538604203)
+
+
 def test_folders_that_cannot_be_written(tmp_path, monkeypatch):
     """A warning that names the folder, once."""
     kept_in(tmp_path, monkeypatch)
@@ -64,7 +141,7 @@ def test_folders_that_cannot_be_written(tmp_path, monkeypatch):
     def refuse(*arguments, **options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(IndexDataCacheFile, "_save_index", refuse)
+    monkeypatch.setattr(tempfile, "mkstemp", refuse)
     with pytest.warns(UserWarning, match="compiled code cannot be kept: .*kept.*denied"):
         assert tripled(tmp_path, 2) == (6, 0)
     assert tripled(tmp_path, 2) == (6, 0)  # another warning would be an error

@@ -137,7 +137,7 @@ def test_solved_or_given_up(values, rows, fit):
     rows = wanted if fit and wanted else list(rows)
     with pytest.MonkeyPatch.context() as patch:
         # A hundred files that nobody needs again.
-        patch.setattr(machine_code, "kept_bytes", lambda owner, name, make: make())
+        patch.setattr(machine_code, "kept_bytes", lambda owner, name, make, made_from: make())
         tables = code_for(rows, matrix)
     ending = static_elimination.solve_generated(np.empty(0), b, *tables)
     if wanted != rows:

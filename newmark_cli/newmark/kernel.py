@@ -8,9 +8,6 @@ their shapes p is the
 number of kept fields among (u, v, a), r of kept rows among (V, K), P of past vectors,
 and N = p n + m.
 
-All compiled code of the core stands in this file, because numba's disk cache does
-not notice a change in another.
-
 All of it is compiled without counting references: what the march overwrites is allocated in
 Python, before it.  With counting, a call that is handed tuples of arrays takes longer than an
 iteration on a small mechanism.  Measure a change with `benchmarks/kernel.py`.

@@ -1,9 +1,7 @@
 """Derivatives of users' functions by differences, as far as one code serves all problems.
 
 For a problem with compiled functions, only the code that calls them is compiled anew; the
-states where they are called, and what follows from the values, are compiled once.  All of it
-stands in one file, as numba does not notice changes of a function that cached code calls in
-another.
+states where they are called, and what follows from the values, are compiled once.
 
 X and Y follow from central differences of fourth order; the terms of Φ' and Φ'', see
 `newmark_cli.problems.constraint_rows`, from differences that find their own step.

@@ -1,28 +1,73 @@
-"""Numba's compiled code on disk, and machine code beside it.
+"""Compiled code on disk: numba's, and machine code beside it.
 
-Numba's own cache keeps it in ``__pycache__`` or in a folder of the user's.  Where nothing can
-be kept, as on a full disk, code is compiled in every process, with a warning.
+It is kept where numba keeps it, in ``__pycache__`` or in a folder of the user's.  Numba would
+unpickle and run whatever it finds there, and notices changes of a function's own file only.
+So each file here begins with a digest of its content and of the sources that it was made from:
+what is damaged or out of date is compiled again and replaced.  Where nothing can be kept, as on a
+full disk, code is compiled in every process, with a warning.
 """
 
 import contextlib
-import os
-import tempfile
+import hashlib
+import inspect
+import pickle
+import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numba
 from numba import njit
 from numba.core.caching import FunctionCache, NullCache
+from numba.core.serialize import dumps
 
-from newmark_cli.support import compiling
+from newmark_cli.support import compiling, files, sources
+from newmark_cli.support.errors import ResultsError
+
+#: Bytes of a digest.
+_DIGEST = hashlib.sha256().digest_size
 
 #: Folders that were warned of.
 _warned: set[str] = set()
 
 
+class _Files:
+    """Compiled code of a function: a file for each signature and kind of processor."""
+
+    def __init__(self, implementation: Any, made_from: str) -> None:
+        # Numba's name has the number of a line, so that files of older versions would pile up.
+        name = re.sub(r"-\d+(?=\.py)", "", implementation.filename_base)
+        self._path = str(Path(implementation.locator.get_cache_path()) / name)
+        self._made_from = made_from
+
+    def load(self, key: tuple[Any, ...]) -> Any:
+        """What `save` was given; None if there is none, or it is damaged or out of date."""
+        content = _read(*self._file(key))
+        return None if content is None else pickle.loads(content)
+
+    def save(self, key: tuple[Any, ...], data: Any) -> None:
+        """Keep data; ResultsError if they cannot be written."""
+        _write(*self._file(key), dumps(data))
+
+    def _file(self, key: tuple[Any, ...]) -> tuple[Path, str]:
+        """Path of a file, and what it is made from.
+
+        A key is a signature, the processor, and digests of the function.
+        """
+        short = hashlib.sha256(repr(key[:2]).encode()).hexdigest()[:16]
+        return Path(f"{self._path}-{short}.nbc"), f"{self._made_from} {key}"
+
+
 class _Cache(FunctionCache):
     """The cache of one function, on a disk that may be full."""
+
+    def __init__(self, function: Any, options: Any) -> None:
+        super().__init__(function)
+        source = self._impl.locator.get_source_stamp()  # of a file that may change meanwhile
+        core = sources.stamp(Path(inspect.getfile(function)))
+        made_from = f"{numba.__version__} {source!r} {core} {sorted(options.items())}"
+        self._cache_file: Any = _Files(self._impl, made_from)
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Compiled code that is kept; None where it is to be compiled now."""
@@ -33,10 +78,8 @@ class _Cache(FunctionCache):
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep compiled code; where it cannot be kept, say so once."""
-        try:
+        with _or_warning(self._cache_path):
             super().save_overload(signature, data)
-        except OSError as error:
-            _warn(self._cache_path, f"{self._cache_path}: {error.strerror}")
 
 
 def cached_njit(**options: Any) -> Callable[[Any], Any]:
@@ -45,7 +88,7 @@ def cached_njit(**options: Any) -> Callable[[Any], Any]:
     def decorated(function: Any) -> Any:
         dispatcher = njit(**options)(function)
         if hasattr(dispatcher, "enable_caching"):  # NUMBA_DISABLE_JIT leaves Python
-            dispatcher._cache = _cache_of(function)
+            dispatcher._cache = _cache_of(function, options)
         return dispatcher
 
     return decorated
@@ -61,39 +104,55 @@ def part_njit(**options: Any) -> Callable[[Any], Any]:
     return decorator
 
 
-def _cache_of(function: Any) -> Any:
+def _cache_of(function: Any, options: Any) -> Any:
     try:
-        return _Cache(function)
+        return _Cache(function, options)
     except RuntimeError:  # no locator
         _warn("", "no folder can be written; set NUMBA_CACHE_DIR to one")
         return NullCache()
 
 
-def kept_bytes(function: Any, name: str, make: Callable[[], bytes]) -> bytes:
-    """Bytes beside a function's compiled code, in a file whose name says all; made if not there."""
+def kept_bytes(function: Any, name: str, make: Callable[[], bytes], made_from: str = "") -> bytes:
+    """Bytes beside a function's compiled code; made if they are not there.
+
+    Args:
+        name: Of the file, without its suffix.
+        made_from: What else the bytes depend on; a file of something else is replaced.
+    """
     path = _place(function, name)
-    if path is None:
-        return make()
-    with contextlib.suppress(OSError):
-        return path.read_bytes()
-    compiling.begins()
-    content = make()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(file.name, path)
-    except OSError as error:
-        _warn(str(path.parent), f"{path.parent}: {error.strerror}")
+    content = None if path is None else _read(path, made_from)
+    if content is None:
+        compiling.begins()
+        content = make()
+        if path is not None:
+            with _or_warning(str(path.parent)):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                _write(path, made_from, content)
     return content
 
 
-def are_kept(function: Any, name: str) -> bool:
-    """Whether `kept_bytes` has a file."""
+def are_kept(function: Any, name: str, made_from: str = "") -> bool:
+    """Whether `kept_bytes` has them."""
     path = _place(function, name)
-    return path is not None and path.exists()
+    return path is not None and _read(path, made_from) is not None
+
+
+def _read(path: Path, made_from: str) -> bytes | None:
+    """What `_write` was given; None if there is none, or it is damaged or out of date."""
+    try:
+        whole = files.read(path)
+    except OSError:
+        return None
+    content = whole[_DIGEST:]
+    return content if whole[:_DIGEST] == _digest(path, made_from, content) else None
+
+
+def _write(path: Path, made_from: str, content: bytes) -> None:
+    files.write(path, _digest(path, made_from, content) + content)
+
+
+def _digest(path: Path, made_from: str, content: bytes) -> bytes:
+    return hashlib.sha256(f"{path.name} {made_from} ".encode() + content).digest()
 
 
 def _place(function: Any, name: str) -> Path | None:
@@ -118,6 +177,16 @@ def bitcode(function: Any, signature: tuple[Any, ...]) -> tuple[str, bytes]:
     compiled = function.overloads[signature]
     # What numba links a callee from; of what was read from disk it shows no text.
     return compiled.fndesc.llvm_func_name, compiled.library._get_module_for_linking().as_bitcode()
+
+
+@contextlib.contextmanager
+def _or_warning(folder: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        _warn(folder, f"{folder}: {error.strerror}")
+    except ResultsError as error:
+        _warn(folder, str(error))
 
 
 def _warn(folder: str, why: str) -> None:

@@ -3,7 +3,6 @@
 import threading
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -25,13 +24,9 @@ def identity() -> str:
     )
 
 
-@cache
-def source(path: str) -> bytes:
-    """Text of a file of the package, for digests: read once, as the code that is imported."""
-    return Path(path).read_bytes()
-
-
-def address(owner: Any, function: str, key: str, make: Callable[[], str | Any]) -> int:
+def address(
+    owner: Any, function: str, key: str, made_from: str, make: Callable[[], str | Any]
+) -> int:
     """Where a function stands; compiled, or read from disk, when first asked for.
 
     Modules that are made later call it by its `symbol`.
@@ -41,13 +36,16 @@ def address(owner: Any, function: str, key: str, make: Callable[[], str | Any]) 
         function: Its name in the module.
         key: What tells the module from others, with `identity` in it, fit for the name of a
             file.
+        made_from: Digest of the sources of ``make``.
         make: Makes the module: its text, or a module that is optimised already.
     """
     name = _file(function, key)
     with _lock:
         if name not in _loaded:
             machine = target()
-            code = kept_bytes(owner, name, lambda: machine.emit_object(_verified(make())))
+            code = kept_bytes(
+                owner, name, lambda: machine.emit_object(_verified(make())), made_from
+            )
             engine = llvm.create_mcjit_compiler(_verified(""), machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
@@ -61,10 +59,10 @@ def symbol(function: str, key: str) -> str:
     return f"{function}_{key}"
 
 
-def is_made(owner: Any, function: str, key: str) -> bool:
+def is_made(owner: Any, function: str, key: str, made_from: str) -> bool:
     """Whether `address` need not compile."""
     name = _file(function, key)
-    return name in _loaded or are_kept(owner, name)
+    return name in _loaded or are_kept(owner, name, made_from)
 
 
 def _file(function: str, key: str) -> str:

@@ -12,6 +12,7 @@ rows before; the code then gives up where partial pivoting would exchange others
 
 from collections.abc import Iterable, Sequence
 from hashlib import sha256
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite.ir as ir
@@ -23,7 +24,7 @@ from newmark_cli.newmark.linear.written.static_elimination import (
     SIGNED,
 )
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, MatrixTables
-from newmark_cli.support import machine_code
+from newmark_cli.support import machine_code, sources
 from newmark_cli.support.arrays import IndexArray
 
 #: Most multiplications and subtractions of an elimination that is written out.  Compiling
@@ -41,13 +42,9 @@ class Written(NamedTuple):
     pivoting: bool = False
 
     def digest(self) -> str:
-        """Digest of all that the code depends on, 32 characters."""
+        """Digest of the pattern and the order, 32 characters."""
         tables = self.tables
-        digest = sha256(
-            f"{self.pivoting} {LARGEST_MULTIPLIER} {machine_code.identity()} "
-            f"{tables.work.dtype} ".encode()
-        )
-        digest.update(machine_code.source(__file__))
+        digest = sha256(f"{self.pivoting} {machine_code.identity()} {tables.work.dtype} ".encode())
         for array in (tables.structure, tables.room[SIGNED:], tables.places, tables.origins):
             digest.update(f"{len(array)} ".encode() + array.tobytes())
         return digest.hexdigest()[:32]
@@ -63,7 +60,7 @@ class Written(NamedTuple):
 
     def address(self) -> int:
         """Where the code stands; compiled, or read from disk, when first asked for."""
-        return machine_code.address(_module, NAME, self.digest(), self.text)
+        return machine_code.address(_module, NAME, self.digest(), made_from(), self.text)
 
     def symbol(self) -> str:
         """The name by which other modules call it; loads it first."""
@@ -72,7 +69,12 @@ class Written(NamedTuple):
 
     def is_made(self) -> bool:
         """Whether it has been compiled, here or before."""
-        return machine_code.is_made(_module, NAME, self.digest())
+        return machine_code.is_made(_module, NAME, self.digest(), made_from())
+
+
+def made_from() -> str:
+    """Digest of the sources of all such code."""
+    return sources.stamp(Path(__file__))
 
 
 def _sections(tables: MatrixTables) -> dict[str, IndexArray]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from hashlib import sha256
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -27,11 +28,12 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from newmark_cli.newmark import kernel
+from newmark_cli.newmark.linear.written import generated
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.march_data import UNSOLVED, ProblemTables
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support import machine_code
+from newmark_cli.support import machine_code, sources
 from newmark_cli.support.arrays import IndexArray
 from newmark_cli.support.cached_code import bitcode, cached_njit
 from newmark_cli.support.machine_code import generate_call
@@ -115,21 +117,23 @@ class _Module:
 
     @cached_property
     def key(self) -> str:
-        """Digest of all that the code depends on, 32 characters."""
+        """Digest of what the code is for, 32 characters."""
         digest = sha256(
             f"{machine_code.identity()} {numba.__version__} {self.dtype} {self.shapes} "
             f"{self.variant} ".encode()
         )
-        for function, _ in self.functions:
-            digest.update(machine_code.source(function.py_func.__code__.co_filename))
-        digest.update(machine_code.source(__file__))
         for array in self.constants.values():
             digest.update(f"{array.dtype} ".encode() + array.tobytes())
         return digest.hexdigest()[:32]
 
     def address(self) -> int:
         """Where its function stands."""
-        return machine_code.address(specialised, self.name, self.key, self._made)
+        made_from = [sources.digest([Path(__file__)]), generated.made_from()]
+        for function, _ in self.functions:
+            made_from.append(sources.stamp(Path(function.py_func.__code__.co_filename)))
+        return machine_code.address(
+            specialised, self.name, self.key, " ".join(made_from), self._made
+        )
 
     def symbol(self) -> str:
         """The name by which other modules call it; loads it first."""

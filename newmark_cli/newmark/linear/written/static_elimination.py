@@ -10,8 +10,7 @@ at the start and its pivots positive, where they are on the diagonal.  They are 
 pivot may become negative, and no multiplier of the elimination exceed `LARGEST_MULTIPLIER`; else
 the elimination gives up.
 
-All of it is called through `kernel.solve_type` or from Python, never from other compiled
-code: numba's disk cache does not notice a change in another file.
+All of it is called through `kernel.solve_type` or from Python.
 """
 
 import numpy as np
