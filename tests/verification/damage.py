@@ -1,0 +1,149 @@
+"""Damage of what is kept on disk: does a wrong number load, or does anything crash?
+
+    python damage.py OUT [--flips 1000] [--seed 1]
+
+Runs small studies in OUT, then flips one bit in each kept file of a kind and runs the study again,
+in a process of its own: kept cells, references, own machine code, and code that numba compiled.
+Cuts each file at half, too, and empties it.  The CSV must be the same to the byte, the exit code 0,
+stderr empty, and each damaged file replaced.  Prints for each kind how many bits were flipped and
+what went wrong, and exits with 1 if anything did.
+
+Compiling the large files again takes a minute: they are flipped once each, and of the others as
+many as are asked for.
+"""
+
+import argparse
+import os
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+SCRIPT = Path(sys.executable).with_name("newmark-study")
+FORMS = "[u-lambda, v-lambda, a-lambda, u-v-lambda, u-a-lambda, v-a-lambda, u-v-a-lambda]"
+STUDIES = {
+    "cells": f"study: cells\nproblem: pendulum\nform: {FORMS}\npreconditioning: [none, optimal]\n"
+    "h: [0.1, 0.05, 0.04, 0.025, 0.02, 0.0125, 0.01]\nt_end: 0.2\n",
+    "errors": "study: errors\nproblem: double-pendulum\nform: u-lambda\npreconditioning: none\n"
+    f"h: {[k / 1000 for k in range(10, 30)]}\nsteps: 2\nmeasure: error\n",
+    "code": f"study: code\nproblem: pendulum\nform: {FORMS}\npreconditioning: optimal\n"
+    "h: 0.1\nt_end: 0.2\n",
+}
+#: Bytes of a file that takes long to compile.
+LARGE = 100_000
+
+
+@dataclass
+class Kind:
+    """Files that are damaged together.
+
+    Attributes:
+        name: What they are.
+        study: The study that reads them.
+        share: Of all flips.
+        files: The files, as they are now.
+        lighter: Those of them that are flipped again and again.
+        cells: Whether the study's kept cells stay.
+    """
+
+    name: str
+    study: str
+    share: float
+    files: Callable[[], list[Path]]
+    lighter: Callable[[Path], bool] = lambda file: True
+    cells: bool = False
+
+
+def run(out: Path, study: str) -> subprocess.CompletedProcess[str]:
+    """Run a study of OUT in a process of its own."""
+    return subprocess.run(
+        [SCRIPT, "run", f"{study}.yaml"], cwd=out, text=True, capture_output=True,
+        env=os.environ | {"NUMBA_CACHE_DIR": str(out / "code")}, check=False,
+    )  # fmt: skip
+
+
+def wrongs(out: Path, kind: Kind, damaged: dict[Path, bytes], right: bytes) -> Iterator[str]:
+    """What goes wrong in a run with damaged files."""
+    if not kind.cells:
+        shutil.rmtree(out / "results/cells")
+    for file, content in damaged.items():
+        file.write_bytes(content)
+    done = run(out, kind.study)
+    told = [line for line in done.stderr.splitlines() if "compiling" not in line]
+    if done.returncode or told:
+        yield f"exit code {done.returncode}: {told}"
+    if (out / f"results/{kind.study}.csv").read_bytes() != right:
+        yield "another CSV"
+    for file, content in damaged.items():
+        if not file.exists() or file.read_bytes() == content:
+            yield f"not replaced: {file.relative_to(out)}"
+
+
+def flipped(content: bytes, chance: random.Random) -> bytes:
+    place = chance.randrange(8 * len(content))
+    changed = bytearray(content)
+    changed[place // 8] ^= 1 << place % 8
+    return bytes(changed)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--flips", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    out, chance = given.out.absolute(), random.Random(given.seed)
+    out.mkdir(parents=True, exist_ok=True)
+    for folder in ("code", "results"):
+        shutil.rmtree(out / folder, ignore_errors=True)
+    for study, text in STUDIES.items():
+        (out / f"{study}.yaml").write_text(text)
+
+    def small(file: Path) -> bool:
+        return file.stat().st_size < LARGE
+
+    def below(folder: str, pattern: str) -> Callable[[], list[Path]]:
+        return lambda: sorted((out / folder).rglob(pattern))
+
+    # While there is compiled code of one study only, that study reads all of it.
+    kinds = (
+        Kind("own machine code", "code", 0.12, below("code", "*.o")),
+        Kind("code of numba", "code", 0.08, below("code", "*.nbc"), lighter=small),
+        Kind("kept cells", "cells", 0.4, below("results/cells", "*.json"), cells=True),
+        Kind("references", "errors", 0.4, below("results/references", "*.json")),
+    )
+    failed = False
+    for kind in kinds:
+        shutil.rmtree(out / "results", ignore_errors=True)
+        done = run(out, kind.study)
+        if done.returncode:
+            raise SystemExit(f"{kind.study}: {done.stderr}")
+        right, used = (out / f"results/{kind.study}.csv").read_bytes(), kind.files()
+        wrong: list[str] = []
+        flips, most = 0, round(kind.share * given.flips)
+        while flips < most:
+            some = [file for file in used if not flips or kind.lighter(file)]
+            some = chance.sample(some, min(len(some), most - flips))
+            damaged = {file: flipped(file.read_bytes(), chance) for file in some}
+            wrong += wrongs(out, kind, damaged, right)
+            flips += len(some)
+        for kept in (lambda size: size // 2, lambda size: 0):
+            damaged = {}
+            for file in used:
+                content = file.read_bytes()
+                damaged[file] = content[: kept(len(content))]
+            wrong += wrongs(out, kind, damaged, right)
+        failed |= bool(wrong)
+        print(
+            f"{kind.name}: {flips} bits flipped in {len(used)} files, each cut and emptied; "
+            f"{len(wrong)} wrong",
+            *wrong[:10], sep="\n  ", flush=True,
+        )  # fmt: skip
+    return int(failed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
