@@ -201,9 +201,9 @@ def test_cells_of_wrong_types_are_computed_again(cli):
     cli.write("quick.yaml", STUDY.replace("5e-3", "5e-3, 2e-2"))
     cli("run", "quick.yaml")
     before = (cli.folder / "results/quick.csv").read_bytes()
-    wrong = ({}, {"key": []}, {"outcome": [], "seconds": {}, "versions": 3})
+    wrong = ({"seconds": "1e400 s"}, {"key": []}, {"outcome": [], "seconds": {}, "versions": 3})
     for file, record in zip((cli.folder / "results/cells").iterdir(), wrong, strict=True):
-        file.write_text(json.dumps(record and json.loads(file.read_text()) | record))
+        files.write_sealed(file, files.read_sealed(file) | record, file.parent)
     assert ended(cli, "run", "--dry-run", "quick.yaml").returncode == 0
     assert cli("run", "quick.yaml").stdout == "quick: 3 ok -> results/quick.csv\n"
     assert (cli.folder / "results/quick.csv").read_bytes() == before

@@ -9,6 +9,8 @@ import signal
 import pytest
 from conftest import LONG, QUICK, CommandLine, wait_for_cells
 
+from newmark_cli.support import files
+
 OTHER = QUICK.replace("study: quick", "study: other").replace("u-lambda", "a-lambda")
 
 
@@ -53,11 +55,11 @@ def snapshot(cli):
 def other_core(cli, name):
     """Make a kept cell one of another numerical core; its name."""
     file = cli.folder / "results/cells" / name
-    record = json.loads(file.read_text())
+    record = files.read_sealed(file)
     record["key"]["core"] = "0" * 64
     new = file.with_name("-".join([*file.stem.split("-")[:2], "0" * 16]) + ".json")
     file.unlink()
-    new.write_text(json.dumps(record))
+    files.write_sealed(new, record, file.parent)
     return new.name
 
 
