@@ -100,7 +100,7 @@ def test_terminal_phase_needs_two_small_corrections(engine):
 def test_what_cannot_be_solved_ends_the_march(engine):
     """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 0.1)
-    state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1)))
+    state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1, 2, 3)))
     counts = np.zeros((3, 2)), np.zeros(3, np.int64)
     ending = marched(engine, subject, scheme, state, 0, *counts)
     assert ending == (march_data.SINGULAR, 0)

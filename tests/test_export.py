@@ -122,6 +122,31 @@ def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulat
     assert all(system.iterations == len(of_step) for system in ends)
 
 
+def test_systems_of_steps_of_other_sizes():
+    """Of a change of h, and of a state that is continued: size, time and number of the step."""
+    how = {"form": "a-lambda", "scaling": "none"}
+    sizes = [1e-3] * 5 + [5e-4] * 5
+    first, *_ = newmark.linear_systems("pendulum", h=sizes, steps=[7], **how)
+    assert (first.h, first.t, first.left["D"]) == (5e-4, pytest.approx(0.006, abs=1e-12), 1.0)
+    # Row C is Gᵀ ∂u/∂a = βh² (x, y).
+    passed = newmark.march("pendulum", h=sizes, **how)
+    predicted = passed.u[6] + 5e-4 * passed.v[6]
+    row = first.matrix.toarray()[2, :2]
+    assert row == pytest.approx(5e-4**2 / 4 * predicted, rel=1e-6)
+    state = newmark.march("pendulum", h=1e-3, steps=100).state
+    for h in (1e-3, 5e-4, [5e-4] * 3):
+        later = newmark.march("pendulum", h=h, steps=3, state=state)
+        assert later.numbers.tolist() == [100, 101, 102, 103]
+        first, *_ = newmark.linear_systems("pendulum", h=h, steps=[103], state=state)
+        assert (first.step, first.t) == (103, pytest.approx(later.t[-1], abs=1e-12))
+    for h, steps, told in (
+        (5e-4, [100], "steps must be at least 101 after this state, given 100"),
+        ([5e-4] * 3, [104], "h has the sizes of 3 steps, 104 is beyond them"),
+    ):
+        with pytest.raises(newmark.ArgumentError, match=told):
+            newmark.linear_systems("pendulum", h=h, steps=steps, state=state)
+
+
 def test_a_system_is_that_of_the_equations():
     """Written out again for the pendulum, eqs. 30; no code in common."""
     h, beta, gamma = 1e-3, 0.3025, 0.6

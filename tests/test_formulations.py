@@ -246,7 +246,7 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
     multipliers = random.normal(size=m)
     past = random.normal(size=(len(scheme.relations.u_past), n))
     fields = np.array([subject.u0, *random.normal(size=(3, n))])
-    state = State(fields, past, multipliers, *np.zeros((4, 1)))
+    state = State(fields, past, multipliers, *np.zeros((6, 1)))
     literal = Literal(subject, scheme, state, t)
     # A state that meets V and K, at η = 0, so that all forms are at the same one.
     kept = [fields["uva".index(name)] for name in scheme.form.kept]

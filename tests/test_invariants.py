@@ -25,7 +25,7 @@ def state_of(subject, u, v, multipliers, t=0.0):
     fields = np.array([u, v, np.zeros_like(u), np.zeros_like(u)])
     multipliers = np.asarray(multipliers, float)
     none = np.zeros_like(multipliers)
-    return State(fields, fields[2:], multipliers, fields[2:], none, none, none)
+    return State(fields, fields[2:], multipliers, fields[2:], none, none, none, none, none)
 
 
 def consistent(subject, u, v, t=0.0):

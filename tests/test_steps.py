@@ -1,5 +1,6 @@
 """Steps of other sizes: sequences, grids, both engines, and studies of them."""
 
+from contextlib import nullcontext
 from functools import partial
 
 import numpy as np
@@ -216,6 +217,10 @@ def test_arrays_of_sizes_that_cannot_be_used():
     for h, more, told in (
         ([0.1, 0.0], {}, "every step size must be positive"),
         ([0.1, 0.2], {"steps": 3}, "has the sizes of 2 steps, 3 are asked for"),
+        ([0.1, 0.2], {"t_end": 0.55}, "has the sizes of 2 steps, which end 0.25 s before it"),
+        ([0.1, True], {}, "h must be a list of numbers"),
+        ([0.1, 1e-320], {}, "h is too large or too small, given 9.99989e-321; allowed are 1e-60"),
+        (1e-320, {"t_end": 1.0, "form": "a-lambda", "scaling": "none"}, "h is too large or too"),
         ([], {}, "every step size"),
         ([0.1, 0.2], {"h_sequence": "random 0.5 2.0 seed 1"}, "not with an array h"),
         (0.1, {"h_sequence": {"change": 2}}, "needs at"),
@@ -257,3 +262,82 @@ def test_going_to_and_fro_leaves_no_drift():
         lost[h, sequence] = np.abs(swing.energy[swing.t > 10]).max()
     coarse, fine, both = lost.values()
     assert fine < both < coarse
+
+
+def test_steps_of_an_array_end_where_it_ends():
+    """Also when they are stepped; t_end may lie within the step that there would be next."""
+    sizes = [0.1, 0.2]
+    assert [round(step.t, 9) for step in newmark.steps("pendulum", h=sizes)] == [0.1, 0.3]
+    assert newmark.march("pendulum", h=sizes, t_end=0.45).t.round(9).tolist() == [0, 0.1, 0.3]
+
+
+SLIDER = {"every": 0, "problem": "slider-crank"}
+LONG = 1e-3
+
+
+def errors_at_the_end(sizes, state=None, **how):
+    """Of u, v and λ, against 20 times as many steps with velocities enforced."""
+    found = newmark.march(h=sizes, state=state, **SLIDER, **how)
+    assert found.status == "ok"
+    end = found.state
+    right = newmark.march(
+        h=end.t / 4000, steps=4000, integrator="generalized-alpha rho=0.9", formulation="ggl",
+        **SLIDER,
+    ).state  # fmt: skip
+    return np.array([
+        np.abs(end.u - right.u).max(), np.abs(end.v - right.v).max(),
+        np.abs(end.multipliers - right.multipliers).max(),
+    ])  # fmt: skip
+
+
+@each(
+    "integrator",
+    ["trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf2", "bdf1"],
+)
+@each(
+    "how",
+    [{}, {"formulation": "index-2"}, {"formulation": "ggl"}, {"projection": "velocity"}],
+)
+@pytest.mark.filterwarnings("ignore:h. rounding alone")
+def test_a_very_short_step_does_no_harm(integrator, how):
+    """Among long ones, at the start and twice in a row: errors as without it, but for a factor.
+
+    What a step of 1e-8 s leaves of the hidden constraints and in a − v' is rounding, which the
+    change to a longer step would multiply by 1e10 and 1e5.
+    """
+    how = {"integrator": integrator, **how}
+    before, after = [LONG] * 150, [LONG] * 50
+    without = errors_at_the_end([*before, *after], **how)
+    for short in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9):
+        assert np.all(errors_at_the_end([*before, short, *after], **how) < 3 * without)
+    twice = errors_at_the_end([1e-8, *before, 1e-8, 3e-8, *after], **how)
+    assert np.all(twice < 3 * without)
+
+
+@each("evaluation, precision", [("compensated", "float64"), ("direct", "float32")])
+def test_a_very_short_step_in_other_arithmetic(evaluation, precision):
+    """A thousandth of the time of others in single precision is too short, too."""
+    how = {
+        "integrator": "generalized-alpha rho=0.9", "evaluation": evaluation,
+        "precision": precision, "form": "a-lambda",
+    }  # fmt: skip
+    short = {"float32": 1e-5, "float64": 1e-9}[precision]
+    with pytest.warns(newmark.NewmarkWarning) if precision == "float32" else nullcontext():
+        found = errors_at_the_end([LONG] * 150 + [short] + [LONG] * 50, **how)
+    assert np.all(found < 3 * errors_at_the_end([LONG] * 200, **how))
+
+
+def test_what_is_remembered_goes_with_the_state():
+    """Of a march that is continued after a step that was too short, and of one taken again."""
+    how = {"integrator": "generalized-alpha rho=0.9"}
+    state = newmark.march(h=LONG, steps=150, **SLIDER, **how).state
+    state = newmark.march(h=1e-8, steps=1, state=state, **SLIDER, **how).state
+    found = errors_at_the_end([LONG] * 50, state, **how)
+    assert np.all(found < 3 * errors_at_the_end([LONG] * 200, **how))
+
+
+def test_multipliers_of_a_short_last_step_are_said_to_be_rounding():
+    """λ of that step is 200 times as far off as others, and nothing can be done about it."""
+    how = {"integrator": "generalized-alpha rho=0.9"}
+    with pytest.warns(newmark.NewmarkWarning, match=r"a step of 1e-08 s by some 1e\+00, and λ of"):
+        newmark.march(h=[LONG] * 200 + [1e-8], **SLIDER, **how)

@@ -194,7 +194,8 @@ class Subject:
         ((a, multipliers),) = self.known
         fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.m)
         past = scheme.relations.start @ fields[:3]
-        parts = (fields, past, multipliers, np.zeros((2, self.n)), none, none, none)
+        unknown = (np.zeros(1 + self.m), np.zeros(1 + self.n))
+        parts = (fields, past, multipliers, np.zeros((2, self.n)), none, none, none, *unknown)
         return State(*(part.astype(scheme.dtype) for part in parts))
 
 

@@ -16,6 +16,8 @@ from newmark_cli.support.spelling import nearest
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = 60
+#: Least step size of a march (s), and the inverse of its largest: 1/h⁴ is a number.
+_LEAST_H = 1e-60
 
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -72,10 +74,16 @@ def step_size(h: Any) -> float:
 
 
 def step_sizes(h: Any) -> Array:
-    """(steps,) positive step sizes (s)."""
-    sizes = vector("h", h)
+    """(steps,) positive step sizes (s); (1,) of a number."""
+    sizes = vector("h", h) if np.ndim(h) else np.array([positive("h", h, " of seconds")])
     if len(sizes) == 0 or not np.all(sizes > 0):
         raise ArgumentError(f"h: every step size must be positive, given {shown(h)}")
+    for size in (sizes.min(), sizes.max()):
+        if not _LEAST_H <= size <= 1 / _LEAST_H:
+            raise ArgumentError(
+                f"h is too large or too small, given {size:g}; allowed are {_LEAST_H:g} to "
+                f"{1 / _LEAST_H:g} seconds"
+            )
     return sizes
 
 
@@ -115,7 +123,10 @@ def vector(name: str, values: Any, length: int | None = None) -> Array:
         array = np.asarray(values)
     except ValueError:
         array = np.empty(0, object)
-    if array.ndim != 1 or array.dtype.kind not in "iuf" or length not in (None, len(array)):
+    kind = array.dtype.kind
+    if isinstance(values, list | tuple) and any(isinstance(x, bool | np.bool_) for x in values):
+        kind = "b"  # NumPy takes True among numbers for 1
+    if array.ndim != 1 or kind not in "iuf" or length not in (None, len(array)):
         wanted = f"an array of {length} numbers" if length is not None else "a list of numbers"
         raise ArgumentError(f"{name} must be {wanted}, given {shown(values)}")
     if not np.all(np.isfinite(array)):

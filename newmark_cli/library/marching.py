@@ -53,6 +53,8 @@ MOST_BYTES = 1_000_000_000
 #: More steps than a float can count must be a typo.
 _MOST_STEPS = 2**53
 
+#: Part of a step by which t_end may miss its end.
+_SAME_STEP = 1e-9
 #: Step sizes that differ by less, relative to their size, are the same.
 _SAME_H = 1e-12
 #: Units of rounding that a state may miss constraints by: 1.4 are the most where they are
@@ -62,6 +64,8 @@ _ROUNDING = 10.0
 _COMPENSATED = 1e-3
 #: Attributes of a scheme that are checked against each other and the problem.
 _OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
+#: Part of accelerations at the start that rounding may change unmentioned.
+_NOISY = 1e-2
 #: In place of zero.
 _TINY = np.finfo(float).tiny
 
@@ -160,6 +164,14 @@ class _Begun:
         march, grid = self.march, self.march.grid
         elapsed = grid.t0 - self.origin
         last = grid.until(t_end - elapsed) if t_end > elapsed else 0
+        if grid.sizes is not None and last == len(grid.sizes):
+            # Whole steps up to t_end, as many as there would be if sizes went on like the last.
+            missing = self.origin + t_end - grid.t(last)
+            if missing >= grid.size(last) * (1 - _SAME_STEP):
+                raise ArgumentError(
+                    f"t_end: h has the sizes of {last} steps, which end {missing:g} s before it, "
+                    f"given {t_end:g}"
+                )
         if last <= march.done:
             why = (
                 f"shorter than the step h = {grid.size(1):g}"
@@ -261,11 +273,11 @@ def march(
     Args:
         problem: A `Problem`, or whatever `problem` takes.
         h: Step size (s), or the sizes of all steps, an array (steps,); ``t_end`` and ``steps``
-            may then be left out.
+            may then be left out, and must not be beyond them.
         t_end: End (s), counted from the problem's ``t0``, which is 0 for mechanisms: whole
             steps up to it are taken.
         steps: In place of ``t_end`` the number of steps; ``True``: return an iterator
-            over the steps, without end if there is no ``t_end``.
+            over the steps, without end if there is neither a ``t_end`` nor an array h.
         form: Unknowns that are kept: one of ``u-lambda``, ``v-lambda``, ``a-lambda``,
             ``u-v-lambda``, ``u-v-a-lambda``, ``u-a-lambda``, ``v-a-lambda``.
         integrator: ``"trapezoidal"``, text such as ``"newmark beta=0.3025 gamma=0.6"`` or
@@ -360,11 +372,11 @@ def march(
         ([0.04], (1, 8))
     """
     projected = projection_of(projection)
-    sizes = None if np.ndim(h) == 0 else arguments.step_sizes(h)
+    given = arguments.step_sizes(h)
+    sizes, h = (given if np.ndim(h) else None), float(given[0])
     sequence = sequence_of(h_sequence)
     if sizes is not None and sequence != CONSTANT:
         raise ArgumentError("h_sequence: not with an array h, which says all sizes")
-    h = arguments.positive("h", h if sizes is None else sizes[0], " of seconds")
     arguments.one_of("multipliers", multipliers, (AUTO, *REPORTED))
     scheme = scheme_of(
         form,
@@ -391,13 +403,16 @@ def march(
     if sequence != CONSTANT:
         sizes = h * sequence.factors(_count(h, sequence, t_end, steps, original.t0 - begins), h)
     grid = None if sizes is None else TimeGrid(begins, h, sizes)
-    if sizes is not None and t_end is None and steps is None:
-        steps = len(sizes)
-    begun = _begin(subject, original.t0, scheme, linear_solver, krylov, state, grid)
     stepped = steps is True
+    asked = None if stepped else steps
+    if sizes is not None and t_end is None and asked is None and at is None:
+        asked = len(sizes)
+    begun = _begin(subject, original.t0, scheme, linear_solver, krylov, state, grid)
     _require_callback(callback, at, stepped)
-    last = _last(begun, t_end, None if stepped else steps, at, stepped)
+    last = _last(begun, t_end, asked, at, stepped)
     _require_reachable(original, begun.march.grid, sizes, last)
+    if sizes is not None:
+        _warn_of_short_steps(begun.march, float(sizes[:last].min()))
     taken: Callable[[_Begun], Trajectory | Steps]
     if at is not None:
         taken = partial(_marched_at, last=last, at=at, every=every, keep=keep, callback=callback)
@@ -416,14 +431,14 @@ def march(
 
 
 def steps(
-    problem: Any, *, h: float, t_end: float | None = None, **options: Unpack[Options]
+    problem: Any, *, h: ArrayLike, t_end: float | None = None, **options: Unpack[Options]
 ) -> Steps:
     """A march that is stepped: the same as `march` with ``steps=True``.
 
     Args:
         problem: As of `march`.
-        h: Step size (s).
-        t_end: As of `march`; without it the march has no end.
+        h: As of `march`.
+        t_end: As of `march`; without it the march has no end, or that of an array h.
         **options: Further arguments of `march`.
 
     Returns:
@@ -546,7 +561,8 @@ def _begin(
             # The residuals of the constraints were not carried along.
             system = Index1(problem)
             phi = problem.constraint_values(state.t, state.u)
-            kept = kept._replace(phi=phi, psi=system.rate(state.t, state.u, state.v))
+            psi, unknown = system.rate(state.t, state.u, state.v), np.zeros_like(kept.rates)
+            kept = kept._replace(phi=phi, psi=psi, rates=unknown)
         if grid is None and _same_steps(state, scheme):
             there = replace(problem, t0=carried.t0)
             return _Begun(March(there, *how, state=kept, done=carried.done), origin)
@@ -554,10 +570,17 @@ def _begin(
         before: tuple[float, float] | None = (carried.h, carried.before)
         if carried.integrator != scheme.integrator.label:
             fields = kept.fields[[0, 1, 3, 3]].astype(float)
-            kept = kept._replace(fields=fields, past=product(scheme.relations.start, fields[:3]))
+            kept = kept._replace(
+                fields=fields,
+                past=product(scheme.relations.start, fields[:3]),
+                rates=np.zeros_like(kept.rates),
+                offsets=np.zeros_like(kept.offsets),
+            )
             before = None
         grid = TimeGrid(state.t, scheme.h, sizes, before)
-        return _Begun(March(replace(problem, t0=state.t), *how, state=kept, grid=grid), origin)
+        march = March(replace(problem, t0=state.t), *how, state=kept, grid=grid)
+        march.earlier = carried.steps
+        return _Begun(march, origin)
     except np.linalg.LinAlgError as error:
         raise ProblemError(
             f"{problem.name}: accelerations at the start are not determined: {error}"
@@ -588,6 +611,19 @@ def _warn_of_loss(problem: Problem, scheme: Scheme, state: Step) -> None:
         f"state: made with {differences}: λ loses its order of accuracy, because the state does "
         f"not meet the constraints as steps of this march leave them; {way_out}"
     )
+
+
+def _warn_of_short_steps(march: March, shortest: float) -> None:
+    """Warn of λ and v' of steps that are so short beside others that they are rounding."""
+    u, v, _, a = march.here.fields
+    eps, compensated = np.finfo(march.scheme.dtype).eps, march.scheme.compensated
+    of_u = eps * float(shortest * np.abs(v).max() if compensated else np.abs(u).max())
+    of_a = of_u / march.scheme.integrator.relations(shortest).u_from_a
+    if march.schemes.wide and of_a > _NOISY * float(np.abs(a).max()):
+        warn(
+            f"h: rounding alone changes accelerations of a step of {shortest:g} s by some "
+            f"{of_a:.0e}, and λ of that step accordingly; u, v and longer steps do not suffer"
+        )
 
 
 def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:

@@ -3,6 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, Unpack
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from newmark_cli.library import arguments
 from newmark_cli.library.marching import Options, march
 from newmark_cli.newmark.newton_systems import NewtonSystem, newton_systems
@@ -15,7 +18,7 @@ _KEEPING = ("every", "at", "keep", "callback")
 def linear_systems(
     problem: Any,
     *,
-    h: float,
+    h: ArrayLike,
     steps: Sequence[int],
     every_iteration: bool = False,
     **options: Unpack[Options],
@@ -27,8 +30,9 @@ def linear_systems(
 
     Args:
         problem: As of `march`.
-        h: Step size (s).
-        steps: In which steps, the first being 1.
+        h: As of `march`.
+        steps: In which steps, the first being 1; after a ``state`` as ``numbers`` of a
+            `Trajectory` count them.
         every_iteration: Systems of all iterations, not of the first and the last of a step.
         **options: Further arguments of `march`, such as ``form``, ``scaling``,
             ``integrator``, ``formulation`` and ``linear_solver``; not ``every``, ``at``,
@@ -63,4 +67,9 @@ def linear_systems(
     if not wanted:
         raise ArgumentError("steps must name a step, given none")
     begun = march(problem, h=h, steps=True, **options)._recorder.march
+    first = begun.earlier + begun.done + 1
+    if wanted[0] < first:
+        raise ArgumentError(f"steps must be at least {first} after this state, given {wanted[0]}")
+    if np.ndim(h) and wanted[-1] >= first + (size := len(np.asarray(h))):
+        raise ArgumentError(f"h has the sizes of {size} steps, {wanted[-1]} is beyond them")
     return newton_systems(begun, wanted, arguments.flag("every_iteration", every_iteration))

@@ -175,22 +175,25 @@ class Engine:
     def _at_once(self, first: int, count: int) -> int:
         """How many of ``count`` steps the kernel takes in one call."""
         if self.schemes.grid.varies:
-            across = self.schemes.across
-            later = across[np.searchsorted(across, first + 1, side="right") :]
+            steps = self.schemes.carrying
+            later = steps[np.searchsorted(steps, first + 1, side="right") :]
             count = min(count, int(later[0]) - first - 1) if len(later) else count
             room = max(1, _MOST_NUMBERS // self._width)
             if len(np.unique(self.schemes.grid.kinds(np.arange(first, first + count + 1)))) > room:
                 return room
         return count
 
-    def _sizes(self, first: int, count: int) -> Sizes:
-        """Times and sizes of ``count`` steps, after as many as ``first``."""
+    def _sizes(self, first: int, count: int, begun: bool) -> Sizes:
+        """Times and sizes of ``count`` steps, after as many as ``first``.
+
+        ``begun`` if the past has been carried over to the first of them.
+        """
         grid, numbers = self.schemes.grid, self._numbers
         which, rows = np.zeros(count + 1, np.int64), np.empty((0, 0), numbers.h.dtype)
         if grid.varies:
             which = grid.kinds(np.arange(first, first + count + 1))
-            if self.schemes.is_across(first + 1):
-                which[0] = which[1]  # the past has been carried over
+            if begun:
+                which[0] = which[1]
             kinds, which = np.unique(which, return_inverse=True)
             rows = np.array([self._row(max(kind, 0)) for kind in kinds.tolist()])
             self._memory[: self._width] = rows[which[0]]
@@ -226,14 +229,15 @@ class Engine:
             if self.exchanges:
                 static = self.exchanges.at(state, first + done)
                 self._numbers = self._numbers._replace(static=static)
-            if self.schemes.is_across(first + done + 1):
+            begun = False
+            if self.schemes.is_carried(first + done + 1):
                 try:
-                    self._carrying.to(first + done + 1, state)
+                    begun = self._carrying.to(first + done + 1, state)
                 except np.linalg.LinAlgError:
                     return SINGULAR, done
             rest = slice(done, done + self._at_once(first + done, len(norms) - done))
             counts = Counts(norms[rest], iterations[rest], positions[rest], pivoted[rest])
-            arguments = self.arguments(state, first + done, counts, record.after(done))
+            arguments = self.arguments(state, first + done, counts, record.after(done), begun)
             ending, taken = kernel.march(*arguments)  # type: ignore[no-untyped-call]
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
@@ -259,11 +263,11 @@ class Engine:
         )  # fmt: skip
 
     def arguments(
-        self, state: State, first: int, counts: Counts, record: Record
+        self, state: State, first: int, counts: Counts, record: Record, begun: bool = False
     ) -> tuple[Any, ...]:
         """Arguments of `newmark_cli.newmark.kernel.march`."""
         scheme, numbers = self.scheme, self._numbers
-        stop, sizes = scheme.stop or Tolerance(), self._sizes(first, len(counts.norms))
+        stop, sizes = scheme.stop or Tolerance(), self._sizes(first, len(counts.norms), begun)
         schedule = Schedule(
             compensated=scheme.compensated,
             cap=scheme.iteration_cap,

@@ -21,7 +21,7 @@ from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
-from newmark_cli.problems.starting import corrected_velocity
+from newmark_cli.problems.starting import constraint_jerk, corrected_velocity
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
@@ -61,7 +61,11 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
     index_1 = Index1(problem)
     a, multipliers = index_1.accelerations(problem.t0, problem.u0, problem.v0)
     v, psi = problem.v0, np.zeros(problem.m)
+    # What the start leaves is exact: no step is long enough to know it better.
+    rates, offsets = np.zeros(1 + problem.m), np.zeros(1 + problem.n)
+    rates[0] = offsets[0] = np.finfo(scheme.dtype).max
     if scheme.start == CORRECTED:
+        rates[1:] = -constraint_jerk(problem) / 12
         v = corrected_velocity(problem, scheme.h)
         psi = index_1.rate(problem.t0, problem.u0, v)
     fields = np.array([problem.u0, v, a, a])
@@ -75,6 +79,8 @@ def initial_state(problem: Problem, scheme: Scheme) -> State:
         phi=np.zeros(problem.m, dtype),
         psi=psi.astype(dtype),
         impulse=np.zeros(problem.m, dtype),
+        rates=rates.astype(dtype),
+        offsets=offsets.astype(dtype),
     )
 
 
@@ -108,7 +114,8 @@ class March:
         grid: When its steps are.
         solver: Linear solver in use.
         state: Where the march is; overwritten as it goes on.
-        done: Steps taken.
+        done: Steps taken, of this grid.
+        earlier: Steps before them, of the march that this one goes on with at another h.
         corrections: Newton corrections that this object has computed in them.
         positions: Corrections of positions by projections, likewise.
         ending: How the march ended; COMPLETED as long as it can go on.
@@ -158,7 +165,7 @@ class March:
             self.state = initial_state(problem, self.schemes.at(1))
         else:
             self.state = State(*(np.array(array, scheme.dtype, order="C") for array in state))
-        self.done, self.corrections, self.positions = done, 0, 0
+        self.done, self.earlier, self.corrections, self.positions = done, 0, 0, 0
         self.ending = COMPLETED
         self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
 
@@ -184,7 +191,11 @@ class March:
     @property
     def system(self) -> LinearSystem:
         """The linear system that the last step solved, likewise."""
-        return self._systems.at(self.done)
+        return self.system_of(self.done)
+
+    def system_of(self, step: int) -> LinearSystem:
+        """The linear system that a step solves, counted from 1."""
+        return self._systems.at(step)
 
     @property
     def t(self) -> float:

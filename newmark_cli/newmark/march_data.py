@@ -94,6 +94,10 @@ class State(NamedTuple):
     phi: np.ndarray  #: (m,) Φ as carried along; compensated evaluation
     psi: np.ndarray  #: (m,) Gᵀv likewise, of formulations that have it
     impulse: np.ndarray  #: (m,) μ of the last projection of velocities
+    #: (1 + m,) size of an earlier step, 0 of none, and Gᵀv + Φ_t as it left them, over
+    #: `Integrator.across`; see `newmark_cli.newmark.carrying.Carrying`
+    rates: np.ndarray
+    offsets: np.ndarray  #: (1 + n,) likewise a − v' of an auxiliary acceleration, over h
 
     def copy(self) -> "State":
         """The same, in arrays of its own."""

@@ -151,7 +151,8 @@ def newton_systems(
     SciPy engine besides, from the state in which the march stands: the same algorithm, from
     the same numbers.  When the march ends before the last of the steps, so do the systems;
     its `ending` says how.  Systems that are not finite are left out.  Steps are ascending, the
-    first being 1; ``on_steps`` is told how many were done, now and then.
+    first being 1, of this march or that which it goes on with; ``on_steps`` is told how many were
+    done, now and then.
 
     Raises:
         InputError: In single precision: such a march is assembled and solved inside the
@@ -170,19 +171,23 @@ def _observed(
 ) -> Iterator[NewtonSystem]:
     problem, scheme = march.problem, march.scheme
     for step in steps:
-        for stretch in march.stretches(step - 1):
+        number = step - march.earlier
+        for stretch in march.stretches(number - 1):
             on_steps(len(stretch.iterations))
         if march.ending != COMPLETED:
             return
         seen: _Seen = []
-        system = _observed_by(seen, march.system, every_iteration)
-        state = march.state.copy()
+        scheme, state = march.schemes.at(number), march.state.copy()
+        system = _observed_by(seen, march.system_of(number), every_iteration)
         norms, iterations = np.zeros((1, len(scheme.recorded))), np.zeros(1, np.int64)
         none = recording(state, np.empty(0))
-        scipy_march.march(problem, scheme, state, march.done, norms, iterations, system, none)
+        scipy_march.march(
+            problem, scheme, state, march.done, norms, iterations, record=none,
+            schemes=march.schemes, system_at={number: system, march.done: system}.__getitem__,
+        )  # fmt: skip
         for iteration, matrix, rhs in seen:
             if np.all(np.isfinite(matrix.data)) and np.all(np.isfinite(rhs)):
-                t = problem.t0 + step * scheme.h
+                t = march.grid.t(number)
                 yield NewtonSystem(
                     matrix, rhs, scheme, problem.n, problem.m, t, step, iteration, seen[-1][0]
                 )

@@ -19,7 +19,14 @@ from newmark_cli.newmark.formulation import (
     Projection,
     is_formulated,
 )
-from newmark_cli.newmark.integrator import FIELDS, RESCALE_VELOCITY, RESTART, Integrator, Relations
+from newmark_cli.newmark.integrator import (
+    FIELDS,
+    RESCALE,
+    RESCALE_VELOCITY,
+    RESTART,
+    Integrator,
+    Relations,
+)
 from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
 from newmark_cli.newmark.steps import TimeGrid
@@ -28,6 +35,8 @@ from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most schemes of steps that are kept.
 _MOST_KNOWN = 1_000
+#: Least ratio of the longest step to the shortest with which one may be too short.
+_WIDE = 10.0
 DIRECT, COMPENSATED = "direct", "compensated"
 #: How residuals are evaluated.  Direct: in the unknowns themselves, as the paper
 #: writes them.  Compensated: in the increments w = u − u_n − h v_n and
@@ -375,7 +384,35 @@ class Schemes:
         ]
         return 1 + np.flatnonzero(changed)
 
+    @cached_property
+    def carrying(self) -> IndexArray:
+        """Steps before which `newmark_cli.newmark.carrying` has a look, ascending.
+
+        Those `across`, the first, and where sizes are `wide` all changes of the step size.
+        """
+        if not self.grid.varies or self.base.auxiliary not in (RESCALE, RESCALE_VELOCITY):
+            return self.across
+        sizes, behind, _ = self.grid.successive
+        changed = sizes != behind
+        if not self.wide:
+            changed[1:] = False  # at the first it may have come from longer steps
+        return np.union1d(self.across, 1 + np.flatnonzero(changed))
+
+    @cached_property
+    def wide(self) -> bool:
+        """Whether sizes differ so much that a step may be too short for those beside it."""
+        sizes = self.grid.successive
+        return bool(sizes.max() >= _WIDE * sizes.min())
+
     def is_across(self, step: int) -> bool:
         """Whether a step is one of `across`."""
-        place = int(np.searchsorted(self.across, step))
-        return place < len(self.across) and int(self.across[place]) == step
+        return _contains(self.across, step)
+
+    def is_carried(self, step: int) -> bool:
+        """Whether a step is one of `carrying`."""
+        return _contains(self.carrying, step)
+
+
+def _contains(steps: IndexArray, step: int) -> bool:
+    place = int(np.searchsorted(steps, step))
+    return place < len(steps) and int(steps[place]) == step

@@ -117,9 +117,8 @@ class _Index3:
         self, step: int, system_at: Callable[[int], LinearSystem] | None, begun: bool
     ) -> None:
         """Go on with the size of a step; ``begun`` if the past has been carried over to it."""
-        if not begun and self.schemes.is_across(step):
-            _solved(self._carrying.to, step, self.state)
-            begun = True
+        if not begun and self.schemes.is_carried(step):
+            begun = _solved(self._carrying.to, step, self.state)
         before, now = self.schemes.grid.kinds(np.arange(step - 1, step + 1))
         if now == before and not begun:
             return

@@ -119,7 +119,7 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
         march.state.copy(),
         march.t if varies else march.problem.t0,
         0 if varies else march.done,
-        march.done,
+        march.earlier + march.done,
         scheme.h,
         march.grid.size(march.done - 1),
         scheme.integrator.label,
@@ -451,7 +451,7 @@ class Recorder:
         self.march = march
         self.finite, self.reason = True, ""
         self._needed = needed
-        self._begin = march.done
+        self._begin = march.earlier + march.done
         self._not_converged, self._corrections = 0, 0
         # Counted once they are written, in case of an interrupt.
         self._kept, self._last = 0, -1
@@ -499,7 +499,9 @@ class Recorder:
                 for name in self._names
             }
             counts = stretch.iterations[looks - first - 1]
-            kept, last = self._written(rows | {"number": looks, "count": counts})
+            kept, last = self._written(
+                rows | {"number": self.march.earlier + looks, "count": counts}
+            )
         state = self.march.state
         finite = self.finite and bool(good.all())
         finite = finite and all(bool(np.isfinite(array).all()) for array in state[:3])
@@ -532,7 +534,7 @@ class Recorder:
         arrays = {name: rows.first(self._kept) for name, rows in self._rows.items()}
         numbers, counts = arrays.pop("number"), arrays.pop("count")
         return Trajectory(
-            t=self.march.grid.times(numbers),
+            t=self.march.grid.times(numbers - self.march.earlier),
             numbers=numbers,
             iterations=np.abs(counts),
             converged=counts >= 0,
