@@ -69,7 +69,9 @@ def test_singular_and_infinite_matrices_end_the_march():
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "none", 0.1)
     system = SparseSystem(subject, scheme)
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    still = march_data.State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1, 2, 3)))
+    still = march_data.State(
+        *(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1, 2, 3))
+    )
     ending = scipy_march.march(subject, scheme, still, 0, norms, iterations, system)
     assert ending == (march_data.SINGULAR, 0)
     state = initial_state(subject, scheme)
