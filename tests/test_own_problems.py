@@ -79,8 +79,7 @@ def test_compiled_code_runs_through_the_kernel(cli):
     assert (cli.folder / "begun").read_text() == "."
     # Without scaling, u is recorded by a norm that λ rules, and a few steps in 3000
     # catch it before it is rounding: its own slope is no claim here.
-    cli("check")
-    found = rows_in(cli.folder / "results/slopes.csv")
+    found = json.loads(cli("check", "--json").stdout)
     chosen = [r for r in found if r["quantity"] != "u" and r["measure"] != "physical_correction"]
     assert len(chosen) == 4
     verdicts = [row["verdict"] for row in chosen]

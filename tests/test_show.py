@@ -55,7 +55,7 @@ def test_fits_are_those_of_slopes_csv(cli, monkeypatch):
     """Slope, range, prediction, verdict below each series; the JSON has the same."""
     monkeypatch.setenv("COLUMNS", "120")
     cli("run", "pendulum-u")
-    cli("check")
+    cli("plot", "1")
     with (cli.folder / "results/slopes.csv").open(newline="") as file:
         fits = {
             (r["measure"], r["quantity"], r["preconditioning"]): r for r in csv.DictReader(file)
@@ -190,21 +190,24 @@ def conditions(steps=(1e-2, 1e-3, 1e-4, 1e-5)):
 
 
 def test_check_of_one_study(cli):
-    """Only it is judged and printed; slopes.csv keeps the rows of all."""
+    """Only it is judged and printed, and nothing is written."""
     write(cli, conditions(), "good")
     write(cli, series(power(-3)), "bad")
+    before = sorted(cli.folder.rglob("*"))
     whole = cli("check", code=1)
-    rows = (cli.folder / "results/slopes.csv").read_text()
-    assert {r["study"] for r in csv.DictReader(rows.splitlines())} == {"good", "bad"}
+    assert {r["study"] for r in json.loads(cli("check", "--json", code=1).stdout)} == {
+        "good",
+        "bad",
+    }
     done = cli("check", "good")
     assert done.stdout == "1 of 1 slopes as predicted\n"
-    assert (cli.folder / "results/slopes.csv").read_text() == rows
     assert [r["study"] for r in json.loads(cli("check", "good", "--json").stdout)] == ["good"]
     assert cli("check", "bad", code=1).stdout == whole.stdout.replace("1 of 2", "0 of 1")
     assert (
         "miss: bad andrews u-lambda trapezoidal none, Δλ: local orders −3.00 −3.00 −3.00"
         in whole.stdout
     )
+    assert sorted(cli.folder.rglob("*")) == before
 
 
 def test_check_warns_of_what_it_cannot_judge(cli):

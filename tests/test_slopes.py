@@ -1,14 +1,16 @@
 """Verdicts on series: predicted, shown, incomplete; synthetic CSVs with known slopes."""
 
 import json
+import math
+from decimal import Decimal
 
 import numpy as np
 import pytest
 from conftest import rows_in
 from each import each
 
-from newmark_cli.report.judging.fits import power_law
-from newmark_cli.report.judging.slopes import COLUMNS, study_slopes, write
+from newmark_cli.report.judging.fits import log10, power_law
+from newmark_cli.report.judging.slopes import COLUMNS, collect, study_slopes, write
 from newmark_cli.report.judging.verdicts import (
     INCOMPLETE,
     MISS,
@@ -285,6 +287,32 @@ def test_slopes_csv(tmp_path):
     assert float(first["slope"]) == pytest.approx(-1)
     assert (second["expected"], second["tolerance"], second["verdict"]) == ("", "", SHOWN)
     assert second["stop"] == "absolute 1e-08"
+
+
+def test_fits_have_the_same_bits_whatever_the_logarithm(committed_folder, tmp_path, monkeypatch):
+    """The rows that travel with the project, where logarithms are an ulp off.
+
+    NumPy's depend on AVX-512, and those of a C library on fused multiply-adds.
+    """
+    studies = ("cures-krylov", "drift", "pendulum-u")
+    for module, name in ((np, "log"), (np, "log10"), (np, "log2"), (np, "hypot"), (math, "log10")):
+        exact = getattr(module, name)
+        monkeypatch.setattr(
+            module, name, lambda *x, exact=exact: exact(*x) * (1 + np.finfo(float).eps)
+        )
+    write(tmp_path, collect(committed_folder, studies))
+    shipped = rows_in(committed_folder / "slopes.csv")
+    for row in rows_in(tmp_path / "slopes.csv"):
+        assert any(row.items() <= other.items() for other in shipped), row
+
+
+@each("x", [1e-300, 3e-7, 0.7, 1.0, 1.4142135623730951, 1e-3, 10.0, 1e22, 1.7e308, 5e-324])
+def test_logarithms_are_as_exact_as_they_need_be(x):
+    """Within three units in the last place of the logarithm, or of 1 near x = 1."""
+    exact = Decimal(x).log10()
+    assert abs(Decimal(float(log10(x))) - exact) <= 3 * Decimal(
+        float(np.spacing(max(abs(float(exact)), 0.1)))
+    )
 
 
 def test_misses_are_named_in_full(tmp_path):

@@ -66,11 +66,11 @@ def test_closed_streams_change_nothing(cli, committed_folder, closed):
         assert (done.returncode, done.stderr) == (0, "")
         return  # both together are harder
     study = cli.write("results/pendulum-u.csv", (committed_folder / "pendulum-u.csv").read_text())
-    done = shell(cli.folder, f"check {closed}")
+    done = shell(cli.folder, f"plot 1 {closed}")
     assert (done.returncode, done.stderr) == (0, "")
     written = study.with_name("slopes.csv").read_bytes()
     assert written.startswith(b"figure,")
-    cli("check")
+    cli("plot", "1")
     assert study.with_name("slopes.csv").read_bytes() == written
 
 

@@ -202,13 +202,12 @@ def check(
 ) -> int:
     """Check slopes against predicted orders, claims and expectations.
 
-    Judges and prints the named studies, by default all in DIR, and writes the slopes
-    of all studies to DIR/slopes.csv.  Exits with 1 if a slope misses its prediction by
-    more than its tolerance, a series does not converge or lacks results, a claim of a
-    figure or an expectation of the config fails, a CSV differs from its record, or
-    nothing could be judged.  Warns of series with too few or too coarse step sizes;
-    with --strict they fail.  In GitHub workflows (GITHUB_ACTIONS=true), annotates the
-    run with failures.
+    Judges and prints the named studies, by default all in DIR, and writes nothing
+    there.  Exits with 1 if a slope misses its prediction by more than its tolerance, a
+    series does not converge or lacks results, a claim of a figure or an expectation of
+    the config fails, a CSV differs from its record, or nothing could be judged.  Warns
+    of series with too few or too coarse step sizes; with --strict they fail.  In GitHub
+    workflows (GITHUB_ACTIONS=true), annotates the run with failures.
 
     \b
     Example:
@@ -222,9 +221,7 @@ def check(
     from newmark_cli.support import files
 
     wanted = reading.named_studies(folder, studies)
-    everything = slopes.collect(folder)
-    slopes.write(folder, everything)
-    series = [slope for slope in everything if slope.study in wanted]
+    series = slopes.collect(folder, wanted)
     expected = expectations.judge(folder, series)
     changed = records.changed(folder, wanted)
     if as_json:

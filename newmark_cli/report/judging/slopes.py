@@ -373,7 +373,7 @@ def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Arra
         if record.kind == "rounding":
             # Without blocks of steps the scatter of a normal distribution.
             sampling = np.where(np.isnan(relative), 1 / np.sqrt(2 * steps), relative)
-            return np.asarray(np.hypot(sampling, _BINADE))
+            return np.asarray(np.sqrt(sampling * sampling + _BINADE**2))
     if record.kind == "determined":
         return np.nan_to_num(relative, nan=0.0)
     return np.asarray(relative)

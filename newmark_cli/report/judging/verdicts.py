@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from newmark_cli.report.judging.fits import Fit, format_fit, format_order, power_law
+from newmark_cli.report.judging.fits import Fit, format_fit, format_order, log10, power_law
 from newmark_cli.support.arrays import Array, Mask
 
 #: As predicted; not so.
@@ -81,8 +81,7 @@ class Judgement:
 def local_orders(h: Array, values: Array) -> Array:
     """(points − 1,) orders between successive points; NaN next to what has no logarithm."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(np.where(values > 0, values, np.nan))
-        return np.asarray(np.diff(logs) / np.diff(np.log(h)))
+        return np.asarray(np.diff(log10(values)) / np.diff(log10(h)))
 
 
 def judge(evidence: Evidence) -> Judgement:
@@ -120,7 +119,7 @@ def _judged(evidence: Evidence, verdict: str, fitted: Mask, reason: str = "") ->
 def _fit(evidence: Evidence, fitted: Mask) -> Fit:
     uncertainty = np.nan_to_num(evidence.uncertainty[fitted], nan=0.0, posinf=1.0)
     if evidence.kind == "truncation":
-        uncertainty = np.hypot(uncertainty, _NEXT_TERM)
+        uncertainty = np.sqrt(uncertainty * uncertainty + _NEXT_TERM**2)
     return power_law(evidence.h[fitted], evidence.values[fitted], uncertainty)
 
 
@@ -280,9 +279,9 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
             )
     if evidence.kind == "determined" and len(evidence.largest):
         # A coarse march passes other states than a fine one.
-        factor = float((evidence.largest[fitted] / evidence.typical[fitted]).max())
+        factor = (evidence.largest[fitted] / evidence.typical[fitted]).max()
         first, last = evidence.h[fitted][[0, -1]]
-        if abs(fit.slope - evidence.expected) < math.log(factor) / math.log(first / last):
+        if abs(fit.slope - evidence.expected) < log10(factor) / log10(first / last):
             return f"varies by a factor of {factor:.2g} along a run: smaller h would decide"
     few = evidence.kind == "rounding" and bool((evidence.uncertainty[fitted] > _FEW).any())
     if (evidence.bound or few) and len(evidence.typical):
@@ -308,7 +307,7 @@ def _wanted(evidence: Evidence, points: Mask) -> str:
         return f"{sizes}, an order takes {LEAST}: {more} h would decide"
     slope = f"slope {_sloped(fit)}"
     if fit.straight:
-        decades = math.log10(h[0] / h[-1]) * fit.margin / evidence.tolerance
+        decades = float(log10(h[0] / h[-1])) * fit.margin / evidence.tolerance
         return f"{slope}: h over {math.ceil(decades)} decades or more would decide"
     return f"{slope}: the order still changes with h, {more} h would decide"
 
