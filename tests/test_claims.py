@@ -1,6 +1,7 @@
 """Claims about figures: expectations of a config that name one, in the shipped configs too."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -203,3 +204,69 @@ def test_check_fails_on_a_claim(tmp_path, change, said):
     lines = [line for line in text.splitlines() if line.startswith("optimal")]
     assert any(said in line for line in lines)
     assert text.splitlines()[-1] == "0 of 0 slopes as predicted, 3 of 4 claims hold"
+
+
+NAMESAKES = {
+    "history": """\
+problem: pendulum
+form: u-lambda
+preconditioning: optimal
+measure: condition
+h: [1e-2, 1e-3, 1e-4]
+steps: 0
+""",
+    "all-forms": """\
+problem: pendulum
+form: u-lambda
+preconditioning: [none, optimal]
+measure: [condition, correction, floor]
+h: [1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4]
+steps: 20
+figures:
+  - {figure: 1, title: mine, measure: condition, quantity: jacobian, problem: pendulum,
+     form: u-lambda, preconditioning: [none, optimal], series: preconditioning, within: 0.04}
+""",
+}
+
+
+def test_a_study_named_like_a_shipped_one_is_the_users(cli):
+    """No claim, figure or table of the shipped study is asked of it; its own are."""
+    for name, rest in NAMESAKES.items():
+        cli.write(f"{name}.yaml", f"study: {name}\n{rest}")
+        cli("run", f"{name}.yaml")
+    done = cli("check", "--json")
+    assert not [row for row in json.loads(done.stdout) if "claim" in row]
+    drawn = {row["preconditioning"]: row for row in json.loads(done.stdout) if row["figure"]}
+    assert set(drawn) == {"none", "optimal"}
+    assert {(row["figure"], row["tolerance"], row["study"]) for row in drawn.values()} == {
+        ("1", 0.04, "all-forms")
+    }
+    assert "figure 1, all-forms" in cli("check").stdout
+    assert "no results of the shipped all-forms" in cli.refused("tables")
+    assert "| none | " in cli("tables", "all-forms").stdout
+    plotted = cli("plot", "1", "--format", "png").stdout.split()
+    assert plotted == ["results/figures/figure-1.png"]
+    done = cli("plot", "--format", "png")
+    assert done.stdout.split() == [
+        *plotted, "results/figures/history-pendulum-u-lambda-condition-start.png"
+    ]  # fmt: skip
+    assert done.stderr == ""
+
+
+def test_a_shipped_study_stays_one_whatever_its_record_lacks(committed_folder, tmp_path):
+    """Records of older versions have no claims and fewer keys; without a record the name counts."""
+    path = tmp_path / "history.csv"
+    shutil.copy(committed_folder / path.name, path)
+    record = json.loads((committed_folder / "history.json").read_text())
+    del (
+        record["config"]["expect"],
+        record["config"]["figures"],
+        record["config"]["cases"][0]["twins"],
+    )
+    for kept in (None, record):
+        if kept:
+            path.with_suffix(".json").write_text(json.dumps(kept))
+        assert [claim.figure for claim in judged(path)] == ["15"]
+    record["config"]["cases"][0]["problem"] = ["pendulum"]
+    path.with_suffix(".json").write_text(json.dumps(record))
+    assert judged(path) == []

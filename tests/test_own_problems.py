@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import rows_in
 from each import each
 from matplotlib.axes import Axes
 from PIL import Image

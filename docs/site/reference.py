@@ -289,7 +289,8 @@ def csv_page() -> str:
             ("column", "meaning"),
             ((f"`{name}`", results.ABOUT[name]) for name in results.COLUMNS),
         )
-        + "\n\n## `slopes.csv`\n\nOne row for each series over h; `plot` and `reproduce` write it.\n\n"
+        + "\n\n## `slopes.csv`\n\n"
+        "One row for each series over h; `plot` and `reproduce` write it.\n\n"
         + table(
             ("column", "meaning"),
             ((f"`{name}`", slopes.ABOUT[name]) for name in slopes.COLUMNS),

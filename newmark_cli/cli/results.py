@@ -124,7 +124,7 @@ def plot(
 
     choice = Choice(measure, values, everything)
     # Read everything before anything is written; a mechanism's figure needs no results.
-    needed = bool(choice) or plotting.needs_results(names)
+    needed = bool(choice) or plotting.needs_results(names, folder)
     results = Results(folder, slopes.collect(folder) if needed else [], cost)
     chosen = plotting.chosen(names, results, choice)
     for file in plotting.plot(chosen.figures, results, formats, size, style_file):

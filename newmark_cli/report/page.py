@@ -161,7 +161,7 @@ def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
     reports = []
     for study in dict.fromkeys(slope.study for slope in series):
         ours = [slope for slope in series if slope.study == study]
-        if study == paper_tables.STUDY:
+        if study == paper_tables.STUDY and ours[0].shipped:
             reports += paper_tables.reports(ours)
         else:
             layouts = study_tables.defined(folder, study)

@@ -187,6 +187,7 @@ class Facts:
     motions: Mapping[str, Motion]  #: problem → its motion
     #: problem with reactions that are not unique → the redundant rows that were dropped of it
     released: Mapping[str, tuple[str, ...]]
+    config: Any  #: the recorded config; None where there is none
 
 
 def facts(path: Path) -> Facts:
@@ -208,6 +209,7 @@ def facts(path: Path) -> Facts:
             for label in moving
         },
         {label: tuple(map(str, listed(mapping(dropped, label), "released"))) for label in dropped},
+        record.get("config"),
     )
 
 

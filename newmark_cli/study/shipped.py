@@ -33,9 +33,44 @@ def configs() -> Mapping[str, Mapping[str, Any]]:
     }
 
 
+#: Keys of a config that are not of its cases.
+_OF_STUDY = ("study", "description", "figures", "tables", "expect", "cases")
+
+
+def is_shipped(study: str, own: Any) -> bool:
+    """Whether results are of the shipped study of their name, and not of a namesake.
+
+    They are where the config in their record has its cases, whatever a version has added to
+    them.  A CSV that travels without a record goes by its name.
+    """
+    theirs = configs().get(study)
+    if theirs is None or not isinstance(own, Mapping):
+        return theirs is not None
+    shared = {key: value for key, value in theirs.items() if key not in _OF_STUDY}
+    cases = [{**shared, **case} for case in theirs.get("cases", [{}])]
+    return _same(cases, own.get("cases"))
+
+
+def _same(given: Any, recorded: Any) -> bool:
+    """Whether a value of a shipped config is the recorded one, which spells out what it leaves."""
+    if isinstance(given, list) or isinstance(recorded, list):
+        ours, theirs = (v if isinstance(v, list) else [v] for v in (given, recorded))
+        return len(ours) == len(theirs) and all(map(_same, ours, theirs))
+    if isinstance(given, Mapping):
+        return isinstance(recorded, Mapping) and all(
+            _same(value, recorded.get(key)) for key, value in given.items()
+        )
+    if isinstance(recorded, Mapping):
+        recorded = recorded.get("method", recorded.get("name"))
+    try:
+        return float(given) == float(recorded)
+    except (TypeError, ValueError):
+        return bool(given == recorded)
+
+
 def config_of(study: str, record: Mapping[str, Any], key: str) -> Any:
-    """The config in a study's record; the shipped one where that lacks a key."""
+    """The config in a study's record; of a shipped study the shipped one where that lacks a key."""
     own = record.get("config")
     if isinstance(own, Mapping) and own.get(key) is not None:
         return own
-    return configs().get(study, own)
+    return configs()[study] if is_shipped(study, own) else own

@@ -1,6 +1,7 @@
 """From the results folder to figures: which are meant, which can be drawn, and their files."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from newmark_cli.report.drawing.sheets import Results, require, sheet
 from newmark_cli.report.drawing.work import COSTS
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
-from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, explicit
+from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, of_study
 from newmark_cli.study.drawing import WORK_PRECISION, Definition, definitions
 from newmark_cli.support import files
 from newmark_cli.support.errors import InputError, ResultsError
@@ -62,7 +63,7 @@ def chosen(names: Sequence[str], results: Results, choice: Choice = ANY) -> Chos
 
 def _named(
     name: str,
-    numbered: Mapping[str, Figure],
+    numbered: Mapping[str, Sequence[Figure]],
     studies: Sequence[str],
     results: Results,
     choice: Choice,
@@ -70,17 +71,17 @@ def _named(
 ) -> list[Figure]:
     """Figures that a name stands for: a figure, a study, or one figure of a study."""
     if name in numbered:
-        figure = numbered[name]
-        if name in studies and figure.study != name:
+        figures = numbered[name]
+        if name in studies and all(figure.study != name for figure in figures):
             notes.append(f"{name!r} is a figure and a study: the figure is drawn")
-        return [figure] if _whole(figure, choice) else []
+        return [figure for figure in figures if _whole(figure, choice)]
     if name in studies:
         return _of_study(name, results, choice, notes)
     ours = (study for study in studies if name.startswith(f"{study}-"))
     every = Choice(everything=True)
     several = (figure for study in ours for figure in _of_study(study, results, every, []))
-    if figures := [figure for figure in several if stem(figure) == name]:
-        return figures
+    if same := [figure for figure in several if stem(figure) == name]:
+        return same
     raise _unknown(name, studies, results)
 
 
@@ -90,12 +91,14 @@ def _every(
     """All figures that the results suffice for."""
     there, lacking = enough(results)
     figures = [figure for figure in there if _whole(figure, choice)]
+    shipped = {slope.study for slope in results.slopes if slope.shipped}
     for study in studies:
         # Only when they are asked for: the paper makes tables of them.
-        if not of_studies([study]) and (study not in TABLED or choice):
+        is_tabled = study in TABLED and not choice
+        if study not in shipped or not (of_studies([study]) or is_tabled):
             figures += _of_study(study, results, choice, notes)
-    shipped = {*TABLED, *(figure.study for figure in FIGURES.values())}
-    if lacking and not choice and (not figures or shipped & set(studies)):
+    with_figures = {*TABLED, *(figure.study for figure in FIGURES.values())}
+    if lacking and not choice and (not figures or with_figures & shipped):
         notes.append(how_to_get(lacking))
     return figures
 
@@ -111,9 +114,12 @@ def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:
     return InputError(f"unknown figure or study {name!r}{nearest(name, known)}")
 
 
-def needs_results(names: Sequence[str]) -> bool:
+def needs_results(names: Sequence[str], folder: Path) -> bool:
     """Whether figures are made from series; mechanisms are drawn without any."""
-    return not names or any(name not in FIGURES or FIGURES[name].curves for name in names)
+    if not names or any(name not in FIGURES or FIGURES[name].curves for name in names):
+        return True
+    studies = [file.stem for file in folder.glob("*.csv")]
+    return any(name == figure.name for name in names for figure in _own(studies, folder))
 
 
 def _whole(figure: Figure, choice: Choice) -> bool:
@@ -127,11 +133,10 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
 
     Where those that a config defines do not show what is chosen, others do.
     """
-    own = [figure for figure in of_studies([study]) if _whole(figure, choice)]
-    if own:
-        return own
+    figures = [figure for figure in _own([study], results.folder) if _whole(figure, choice)]
+    if figures and figures[0] in FIGURES.values():
+        return figures
     defined = _defined(study, results)
-    figures = [figure for figure in _own(study, defined) if _whole(figure, choice)]
     figures += automatic.figures(study, results, defined, choice.keeps, choice.kinds)
     if not figures and defined:
         figures = automatic.figures(study, results, None, choice.keeps, choice.kinds)
@@ -161,15 +166,22 @@ def _defined(study: str, results: Results) -> list[Definition] | None:
         raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
 
 
-def _own(study: str, defined: Sequence[Definition] | None) -> list[Figure]:
-    return [explicit(study, definition) for definition in defined or () if definition.figure]
+def _own(studies: Iterable[str], folder: Path) -> Iterator[Figure]:
+    """Figures with a number or word of studies in a folder."""
+    for study in studies:
+        path = folder / f"{study}.csv"
+        try:
+            yield from of_study(study, records.known(path).get("config"))
+        except ValueError as error:
+            raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
 
 
-def _numbered(studies: Sequence[str], results: Results) -> dict[str, Figure]:
-    """Figures by number or word: the shipped ones, and those of the user's configs."""
-    theirs = [study for study in studies if not of_studies([study])]
-    own = [figure for study in theirs for figure in _own(study, _defined(study, results))]
-    return {figure.name: figure for figure in own} | FIGURES
+def _numbered(studies: Sequence[str], results: Results) -> dict[str, list[Figure]]:
+    """Figures by number or word: those of the studies that are there, else the shipped ones."""
+    named: dict[str, list[Figure]] = {}
+    for figure in _own(studies, results.folder):
+        named.setdefault(figure.name, []).append(figure)
+    return {name: [figure] for name, figure in FIGURES.items()} | named
 
 
 def of_studies(studies: Collection[str]) -> list[Figure]:
@@ -179,13 +191,14 @@ def of_studies(studies: Collection[str]) -> list[Figure]:
 
 def enough(results: Results) -> tuple[list[Figure], list[Figure]]:
     """The project's figures that results are enough for, and the others."""
-    lacking = []
+    namesakes = {slope.study for slope in results.slopes if not slope.shipped}
+    there = []
     for figure in FIGURES.values():
-        try:
-            require(figure, results)
-        except ResultsError:
-            lacking.append(figure)
-    return [figure for figure in FIGURES.values() if figure not in lacking], lacking
+        if not figure.curves or figure.study not in namesakes:
+            with suppress(ResultsError):
+                require(figure, results)
+                there.append(figure)
+    return there, [figure for figure in FIGURES.values() if figure not in there]
 
 
 def how_to_get(lacking: Sequence[Figure]) -> str:

@@ -53,7 +53,7 @@ def log10(x: Any) -> Array:
 
 @lru_cache(100_000)
 def _log10(x: float) -> float:
-    """ln (m 2ᵉ) = e ln 2 + 2 atanh((m − 1)/(m + 1)) with m near 1, over ln 10."""
+    """With x = m 2ᵉ and m near 1, ln x = e ln 2 + 2 atanh((m − 1)/(m + 1)), over ln 10."""
     if not 0 < x < math.inf:
         return math.nan
     m, e = math.frexp(x)

@@ -9,7 +9,7 @@ table of expected numbers.  Where theory predicts none, the series is shown.
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +33,9 @@ from newmark_cli.report.judging.verdicts import (
     judge,
     local_orders,
 )
-from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import axes, results
+from newmark_cli.report.reading.figures import Figure, of_study
+from newmark_cli.report.reading.figures import place as place_of
+from newmark_cli.study import axes, results, shipped
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
 from newmark_cli.study.reading import (
@@ -81,7 +82,7 @@ ABOUT: Mapping[str, str] = {
 class Slope:
     """A series with its fit and what theory says."""
 
-    figures: tuple[str, ...]  #: figures that draw it
+    figures: tuple[str, ...]  #: figures that draw it, by number or word
     key: SeriesKey  #: what tells it from others; every axis is an attribute, as in the CSV
     role: str  #: as in the CSV
     h: Array  #: (points,) step sizes
@@ -100,6 +101,8 @@ class Slope:
     verdict: str  #: one of the words of `newmark_cli.report.judging.verdicts`
     reason: str = ""  #: what else there is to say, in a sentence; may be empty
     accepted: bool = False  #: whether the study is about series that end like this; see `accept`
+    shipped: bool = False  #: whether it is of a shipped study, and not of a namesake
+    in_paper: bool = False  #: whether `check` lists it first; see `Figure.in_paper`
     #: Whether it is a property of the mechanism, not of which redundant constraints were dropped.
     unique: bool = True
     #: (order, tolerance) → the same series as the same rule judges it by an order of the user's;
@@ -179,6 +182,11 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         places.setdefault(values, []).append(place)
     recorded = facts(path)
     accepted = ("ok", *recorded.accepted)
+    of_shipped = shipped.is_shipped(path.stem, recorded.config)
+    try:
+        drawing = _drawing(of_study(path.stem, recorded.config))
+    except ValueError as error:
+        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
     slopes = []
     for values, at in places.items():
         *named, start = values
@@ -189,10 +197,10 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         if key.measure:
             of_motion = recorded.motions.get(key.problem, Motion())
             points = len(sizes[cases[at[0]]])
-            series = partial(_slope, key, role, rows, points, accepted, path, of_motion)
-            slopes.append(
-                replace(_shared(series(), recorded.released.get(key.problem)), rejudged=series)
-            )
+            drawn = drawing.get(key, ())
+            series = partial(_slope, key, role, rows, points, accepted, path, of_motion, drawn)
+            slope = _shared(series(), recorded.released.get(key.problem))
+            slopes.append(replace(slope, rejudged=series, shipped=of_shipped))
         elif not set(rows["status"]) <= set(accepted):
             slopes.append(_failed(key, role))
     return slopes
@@ -209,19 +217,17 @@ def write(folder: Path, slopes: Sequence[Slope]) -> None:
 
 def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     """Slopes that a figure draws, in the order of the figures."""
-    names = list(FIGURES)
     drawn = [slope for slope in slopes if slope.figures]
-    return sorted(drawn, key=lambda slope: names.index(slope.figures[0]))
+    return sorted(drawn, key=lambda slope: place_of(slope.figures[0]))
 
 
-@cache
-def _drawing(figures: tuple[str, ...]) -> Mapping[SeriesKey, list[str]]:
-    """Key of a series → names of the figures that draw it."""
-    names: dict[SeriesKey, list[str]] = {}
-    for name in figures:
-        for curve in FIGURES[name].curves:
-            names.setdefault(curve.key, []).append(name)
-    return names
+def _drawing(figures: Iterable[Figure]) -> Mapping[SeriesKey, list[Figure]]:
+    """Key of a series → the figures that draw it."""
+    drawing: dict[SeriesKey, list[Figure]] = {}
+    for figure in figures:
+        for curve in figure.curves:
+            drawing.setdefault(curve.key, []).append(figure)
+    return drawing
 
 
 def _slope(
@@ -232,6 +238,7 @@ def _slope(
     accepted: Sequence[str],
     path: Path,
     of_motion: Motion,
+    figures: Sequence[Figure],
     own: float | None = None,
     within: float | None = None,
 ) -> Slope:
@@ -241,7 +248,6 @@ def _slope(
     record = RECORDS[key.measure]
     h = np.array(rows["h"], float)
     values = record.drawn(rows)
-    figures = tuple(_drawing(tuple(FIGURES)).get(key, ()))
     expected = _predicted(key, path)
     exact = bool(np.isposinf(expected))
     if exact:
@@ -260,9 +266,11 @@ def _slope(
     # Where theory predicts an order, nobody can accept another.
     ends_as_accepted = judgement.verdict == NOT_CONVERGING and "not_converging" in accepted
     slope = Slope(
-        figures, key, role, h, steps, values, rounding, statuses, judgement.fitted, judgement.fit,
+        tuple(figure.name for figure in figures), key, role,
+        h, steps, values, rounding, statuses, judgement.fitted, judgement.fit,
         expected, tolerance, judgement.verdict, judgement.reason,
         accepted=ends_as_accepted and bool(np.isnan(expected)),
+        in_paper=any(figure.in_paper for figure in figures),
     )  # fmt: skip
     return _moved(_resolved(slope), of_motion.singular, of_motion.still)
 
@@ -379,9 +387,9 @@ def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Arra
     return np.asarray(relative)
 
 
-def _tolerance(record: Record, at_start: bool, figures: Sequence[str]) -> float:
+def _tolerance(record: Record, at_start: bool, figures: Sequence[Figure]) -> float:
     """The strictest tolerance of the figures with the series, else that of its measure."""
-    own = [t for name in figures if (t := FIGURES[name].tolerance) is not None]
+    own = [figure.tolerance for figure in figures if figure.tolerance is not None]
     default = record.tolerance_at_start if at_start else None
     return min(own, default=record.tolerance if default is None else default)
 

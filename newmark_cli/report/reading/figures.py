@@ -77,7 +77,7 @@ class Figure:
     h: float | None = None  #: step size of values over time (s)
     #: Largest |fitted − predicted slope| of its series; None for that of their measure.
     tolerance: float | None = None
-    in_paper: bool = False  #: whether its series are the claims of the paper
+    in_paper: bool = False  #: whether `check` lists its series first, as the claims of the paper
     numbered: bool = False  #: whether a config gives it a number or word, by which `plot` knows it
     #: Label of a series → what a config says of its look.
     looks: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
@@ -179,13 +179,30 @@ def _shipped() -> dict[str, Figure]:
         for definition in definitions(data) or ()
         if definition.figure
     ]
-    # Numbers by their size; a word behind those of the paper.
-    figures.sort(key=lambda each: (float(each.name) if each.name.isdigit() else 9.5, each.name))
+    figures.sort(key=lambda figure: place(figure.name))
     return {figure.name: figure for figure in figures}
+
+
+def place(name: str) -> tuple[float, str]:
+    """What figures are sorted by: numbers by their size, a word behind those of the paper."""
+    return float(name) if name.isdecimal() else 9.5, name
 
 
 #: The figures of the shipped studies by name.
 FIGURES: dict[str, Figure] = _shipped()
+
+
+def of_study(study: str, config: Any) -> list[Figure]:
+    """Figures with a number or word: of a shipped study its own, else those of a recorded config.
+
+    Raises:
+        ValueError: When they are not as a run has written them.
+    """
+    if shipped.is_shipped(study, config):
+        return [figure for figure in FIGURES.values() if figure.study == study]
+    defined = definitions(config) or ()
+    return [explicit(study, definition) for definition in defined if definition.figure]
+
 
 #: Shipped studies that are made into tables: figures of them are drawn when asked for.
 TABLED = ("all-forms", "integrators")

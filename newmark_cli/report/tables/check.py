@@ -9,7 +9,6 @@ from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope, in_figure_order
 from newmark_cli.report.judging.text import format_orders, gathered
 from newmark_cli.report.judging.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
-from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import TRAPEZOIDAL
 
@@ -18,12 +17,8 @@ _MOST_ALIKE = 3
 
 
 def in_paper(slopes: Iterable[Slope]) -> list[Slope]:
-    """Slopes that the paper's figures show, in their order."""
-    return [
-        slope
-        for slope in in_figure_order(slopes)
-        if any(FIGURES[name].in_paper for name in slope.figures)
-    ]
+    """Slopes of figures with a tolerance of their own, as the paper's, in their order."""
+    return [slope for slope in in_figure_order(slopes) if slope.in_paper]
 
 
 def chosen(slopes: Sequence[Slope], everything: bool) -> list[Slope]:

@@ -7,7 +7,7 @@ the bounds beyond which a value counts as good or bad are numbers that somebody 
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import NamedTuple
@@ -378,8 +378,9 @@ LEGEND = (
 
 def build(results: Results) -> dict[tuple[str, str], Cell]:
     """Entries by cure and symptom; raises `ResultsError` when the study has no results."""
+    results = replace(results, slopes=[slope for slope in results.slopes if slope.shipped])
     if all(slope.study != STUDY for slope in results.slopes):
-        raise ResultsError(f"no results of {STUDY}; run 'newmark-study run {STUDY}' first")
+        raise ResultsError(f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first")
     return {(c.name, s.name): s.cell(results, c) for c in CURES for s in SYMPTOMS}
 
 

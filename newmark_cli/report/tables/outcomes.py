@@ -61,7 +61,11 @@ def of(
             text = joined(fitted, f"predicted {predicted}" if predicted else "", slope.reason)
             outcomes.append(Outcome(slope.study, series_name(slope), slope.verdict, text))
     outcomes += (Outcome(f.path.stem, str(f.path), INCOMPLETE, f.finding) for f in changed)
-    if tables and hold(outcomes) and any(slope.study == paper_tables.STUDY for slope in slopes):
+    if (
+        tables
+        and hold(outcomes)
+        and any(slope.study == paper_tables.STUDY and slope.shipped for slope in slopes)
+    ):
         for entry in paper_tables.not_as_predicted(paper_tables.build(slopes)):
             verdict, text = entry.slope.verdict, "not as predicted"
             outcomes.append(Outcome(paper_tables.STUDY, entry.name, verdict, text, shown=False))

@@ -48,11 +48,15 @@ class Entry(NamedTuple):
         return f"Table {self.table}, {self.column}, {self.slope.form}, {self.slope.problem}"
 
 
+def _ours(slopes: Iterable[Slope]) -> list[Slope]:
+    return [s for s in slopes if s.study == STUDY and s.shipped and s.measure]
+
+
 def build(slopes: Iterable[Slope]) -> list[Entry]:
     """Entries of both tables; raises `ResultsError` when there are no results of the study."""
-    ours = [slope for slope in slopes if slope.study == STUDY and slope.measure]
+    ours = _ours(slopes)
     if not ours:
-        raise ResultsError(f"no results of {STUDY}; run 'newmark-study run {STUDY}' first")
+        raise ResultsError(f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first")
     return [
         Entry(layout.name, column, slope)
         for layout in layouts(shipped.configs()[STUDY])
@@ -65,7 +69,7 @@ def reports(slopes: Sequence[Slope]) -> list[Report]:
     """Both tables; the second begins with the factors themselves."""
     entries, both = build(slopes), []
     for layout in layouts(shipped.configs()[STUDY]):
-        measured = report([slope for slope in slopes if slope.study == STUDY], layout)
+        measured = report(_ours(slopes), layout)
         before = (predicted_tables.factors(),) if layout.name == "2" else ()
         records = [entry.record for entry in entries if entry.table == layout.name]
         tables = (*before, *measured.tables)
