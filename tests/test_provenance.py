@@ -274,3 +274,47 @@ def test_info_for_people(cli, copied):
     assert "series" not in text
     assert text.count(" ok ") >= 4
     assert "h: [0.1, 0.01]" in text
+
+
+def test_results_of_another_config_are_not_overwritten(cli, quick):
+    """Refused in a line, unless it is the same file, its content, or asked for; nothing is lost."""
+    cli.write("other/quick.yaml", QUICK.replace("1e-2]", "1e-3]"))
+    cli("run", "quick.yaml")
+    before = {p: p.read_bytes() for p in (cli.folder / "results").glob("q*.*")}
+    line = cli.refused("run", "other/quick.yaml")
+    assert line.startswith("newmark-study: results/quick.csv: has the results of quick.yaml, ")
+    assert "another config with 'study: quick'; " in line
+    assert {p: p.read_bytes() for p in (cli.folder / "results").glob("q*.*")} == before
+    # The same content elsewhere, the same file with other content, another folder.
+    cli.write("copy.yaml", QUICK)
+    cli("run", "copy.yaml")
+    cli.write("copy.yaml", QUICK.replace("1e-2]", "3e-2]"))
+    cli("run", "copy.yaml")
+    cli("run", "other/quick.yaml", "--results", "out")
+    # Where all has moved together, the file is the same; where it is gone, nobody knows another.
+    (cli.folder / "moved").mkdir()
+    for name in ("copy.yaml", "results"):
+        (cli.folder / name).rename(cli.folder / "moved" / name)
+    cli.write("moved/copy.yaml", QUICK.replace("1e-2]", "2e-2]"))
+    cli("run", "moved/copy.yaml", "--results", "moved/results")
+    assert "of moved/copy.yaml" in cli.refused("run", "quick.yaml", "--results", "moved/results")
+    cli("run", "quick.yaml", "--results", "moved/results", "--replace")
+    cli("run", "quick.yaml", "--results", "moved/results")
+    (cli.folder / "quick.yaml").unlink()
+    cli("run", "moved/copy.yaml", "--results", "moved/results")
+
+
+def test_a_shipped_study_and_its_namesake_keep_their_results(cli, committed_folder):
+    """Of whatever version, and also where a clone has them without the record of the run."""
+    cli.write("mine.yaml", QUICK.replace("quick", "pendulum-v"))
+    (cli.folder / "results").mkdir()
+    for kind in ("csv", "json"):
+        text = (committed_folder / f"pendulum-v.{kind}").read_text()
+        cli.write(f"results/pendulum-v.{kind}", text)
+    assert "has the results of the shipped study" in cli.refused("run", "mine.yaml")
+    cli("run", "mine.yaml", "--replace")
+    assert "has the results of mine.yaml" in cli.refused("run", "pendulum-v")
+    cli("run", "pendulum-v", "--replace")
+    # A later version may have other cases in it.
+    cli("run", "pendulum-v")
+    assert "has the results of the shipped study" in cli.refused("run", "mine.yaml")

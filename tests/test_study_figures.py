@@ -772,6 +772,5 @@ def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):
 def test_a_record_that_nobody_wrote_is_named(tmp_path):
     """Definitions that no run has written."""
     for wrong in (["error"], [{"measure": "speed"}], [{"measure": "error", "series": ["h"]}], 3):
-        given = written(tmp_path, table(), {"config": {"figures": wrong}})
         with pytest.raises(InputError, match=r"mine\.json: figures: not as written by a run"):
-            plot.chosen(["mine"], given)
+            written(tmp_path, table(), {"config": {"figures": wrong}})

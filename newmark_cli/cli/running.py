@@ -52,6 +52,9 @@ def _shard(
     help="Run only part I of N; `merge` combines the parts.",
 )
 @flag("--timed", help="Also time each march alone, one cell at a time.")
+@flag(
+    "--replace", "replacing", help="Overwrite results of another config with the same study name."
+)
 @format_option
 @allow_code_option
 def run(
@@ -63,6 +66,7 @@ def run(
     dry_run: bool,
     shard: tuple[int, int] | None,
     timed: bool,
+    replacing: bool,
     kind: str,
     allow_code: bool,
 ) -> int:
@@ -82,7 +86,7 @@ def run(
     studies = [config.find(name, allow_code) for name in configs]
     if dry_run:
         return _dry_run(studies, folder, how.force, shard)
-    how = replace(how, shard=shard, parquet=kind == "parquet", timed=timed)
+    how = replace(how, shard=shard, parquet=kind == "parquet", timed=timed, replace=replacing)
     if timed:
         how = replace(how, jobs=1)
     return _tell(_run(studies, folder, how, quiet, verbose), folder, quiet)

@@ -43,6 +43,7 @@ class Options:
     shard: tuple[int, int] | None = None  #: (i, N): the i-th of N parts alone, counted from 1
     parquet: bool = False  #: whether trajectories are written as Parquet, not as CSV
     timed: bool = False  #: whether the march of each cell that is computed is timed by itself
+    replace: bool = False  #: whether a study may overwrite the results of another of its name
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,16 @@ def _require_distinct(studies: Sequence[Study]) -> None:
             raise InputError(f"two studies are named {name!r}; each needs its own CSV")
 
 
+def _require_own(studies: Sequence[Study], folder: Path) -> None:
+    """Refuse to overwrite the results of another config."""
+    for study in studies:
+        if other := provenance.other_origin(study, folder):
+            raise InputError(
+                f"{folder / study.study}.csv: has the results of {other}, another config with "
+                f"'study: {study.study}'; rename one, give another --results, or run with --replace"
+            )
+
+
 def run_studies(
     studies: Sequence[Study], folder: Path, options: Options, watcher: Watcher | None = None
 ) -> list[StudyRun]:
@@ -126,8 +137,8 @@ def run_studies(
     config's order; a shard writes none.
 
     Raises:
-        InputError: Two studies have one name, or the folder cannot be written or is
-            in use.
+        InputError: Two studies have one name, the results of another config have it, or
+            the folder cannot be written or is in use.
         ExecutorError: The executor is lost; what was finished is kept.
     """
     watcher = watcher or Watcher()
@@ -135,6 +146,8 @@ def run_studies(
     if options.parquet:
         trajectories.require_parquet()
     with _held(studies, folder, "run", shard):
+        if not (shard or options.replace):
+            _require_own(studies, folder)
         store = Store(folder)
         references = References(folder, partial(_solution, timeout=options.timeout), options.force)
         planned = [
@@ -216,6 +229,7 @@ def merge(
     if parquet:
         trajectories.require_parquet()
     with _held(studies, folder, "merge"):
+        _require_own(studies, folder)
         store = Store(folder)
         taken = tuple(store.take(source) for source in sources)
         planned = plan(studies, folder, failed=True)
@@ -406,7 +420,7 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
         for file, text in texts.items()
     }
     record = provenance.record(study, cells, outcomes, len(table), checksums)
-    run = provenance.run(study, ended, options.jobs, checksums)
+    run = provenance.run(study, ended, options.jobs, checksums, folder)
     for cell, recorded in zip(cells, run["cells"], strict=True):
         recorded["kept_as"] = file_name(cell)
     record |= {key: facts for key, facts in _of_problems(cells).items() if facts}

@@ -362,6 +362,8 @@ class Study(StrictModel):
     cases: tuple[Case, ...]
     #: The file, and the line of each expectation in it; empty for a study without a file.
     _expected_at: tuple[str, tuple[int, ...]] = PrivateAttr(("", ()))
+    #: Its file, resolved; the bare name of a shipped study; empty for a study without a file.
+    _origin: str = PrivateAttr("")
 
     @property
     def expected_at(self) -> tuple[str, tuple[int, ...]]:
@@ -372,6 +374,11 @@ class Study(StrictModel):
     def count(self) -> int:
         """Number of cells."""
         return sum(case.count for case in self.cases)
+
+    @property
+    def origin(self) -> str:
+        """Its file, resolved; the bare name of a shipped study; empty for one without a file."""
+        return self._origin
 
     def cells(self) -> list[Cell]:
         """All cells in the order of the CSV."""
@@ -387,7 +394,9 @@ def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study
     Keys of a case may stand at the top: they hold for every case that does not
     set them, and without ``cases`` they are the only case.
     """
-    return parse(documents.read(path, name), Surroundings(path.parent, allow_code))
+    study = parse(documents.read(path, name), Surroundings(path.parent, allow_code))
+    study._origin = str(path.resolve())
+    return study
 
 
 def parse(document: Document, around: Surroundings | None = None) -> Study:
@@ -601,7 +610,9 @@ def shipped_sums() -> Path:
 
 def load_shipped(name: str) -> Study:
     """The shipped config of this name, whatever lies in the current folder."""
-    return load(_shipped.folder() / f"{name}.yaml", f"{name}.yaml")
+    study = load(_shipped.folder() / f"{name}.yaml", f"{name}.yaml")
+    study._origin = name
+    return study
 
 
 def find(config: str, allow_code: bool = False) -> Study:

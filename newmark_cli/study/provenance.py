@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import newmark_cli
-from newmark_cli.study import axes, checkout
+from newmark_cli.study import axes, checkout, reading, results, shipped
 from newmark_cli.study.axes import Cell, cell_axes
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.checkout import Source
@@ -44,17 +44,11 @@ def record(
     checksums: Mapping[str, str],
 ) -> dict[str, Any]:
     """Provenance of results as far as it is the same wherever and whenever they are computed."""
-    config = study.model_dump(mode="json", by_alias=True, exclude_none=True)
-    for case, recorded in zip(study.cases, config["cases"], strict=True):
-        # As in CSVs, so that a new axis changes no record that has nothing of it.
-        for axis in cell_axes():
-            if axis.rare and [*axis.labels(case)] == [axis.usual]:
-                del recorded[axis.name]
+    config = resolved(study)
     return {
         "study": study.study,
         "config": config,
-        # Whatever the order of its keys.
-        "config_sha256": checksum(json.dumps(config, sort_keys=True, separators=(",", ":"))),
+        "config_sha256": config_checksum(config),
         "rows": rows,
         "sha256": dict(checksums),
         "cells": [
@@ -73,8 +67,24 @@ def record(
     }
 
 
+def resolved(study: "Study") -> dict[str, Any]:
+    """The config of a study with all that it leaves out, as records have it."""
+    config = study.model_dump(mode="json", by_alias=True, exclude_none=True)
+    for case, recorded in zip(study.cases, config["cases"], strict=True):
+        # As in CSVs, so that a new axis changes no record that has nothing of it.
+        for axis in cell_axes():
+            if axis.rare and [*axis.labels(case)] == [axis.usual]:
+                del recorded[axis.name]
+    return config
+
+
+def config_checksum(config: Mapping[str, Any]) -> str:
+    """SHA-256 of a config as records have it, whatever the order of its keys."""
+    return checksum(json.dumps(config, sort_keys=True, separators=(",", ":")))
+
+
 def run(
-    study: "Study", ended: Sequence[Done], jobs: int, checksums: Mapping[str, str]
+    study: "Study", ended: Sequence[Done], jobs: int, checksums: Mapping[str, str], folder: Path
 ) -> dict[str, Any]:
     """Provenance of one run of a study: when, by what, where, and how long it took.
 
@@ -100,6 +110,7 @@ def run(
             "processors": usable(),
         },
         "jobs": jobs,
+        **({"config_file": origin} if (origin := _origin(study, folder)) else {}),
         **({"expect": {"file": file, "lines": list(lines)}} if lines else {}),
         "sha256": dict(checksums),
         "cells": [
@@ -114,6 +125,37 @@ def run(
             for done in ended
         ],
     }
+
+
+def _origin(study: "Study", folder: Path) -> str:
+    """The file of a study from its results folder, so that both may move; see `Study.origin`."""
+    if os.sep not in study.origin:
+        return study.origin
+    path = Path(os.path.relpath(study.origin, folder.resolve())).as_posix()
+    return path.encode("utf-8", "replace").decode()
+
+
+def other_origin(study: "Study", folder: Path) -> str:
+    """The config whose results a study would overwrite, in words; empty where it is its own.
+
+    A file that was edited is the same config, and so is a copy with the same content.  Where
+    the recorded file is gone, nobody knows of another one.
+    """
+    record, run = (
+        reading.parsed(content) for content in results.read_records(folder / f"{study.study}.csv")
+    )
+    if not record or record.get("config_sha256") == config_checksum(resolved(study)):
+        return ""
+    recorded = merged(record, run).get("config_file")
+    if not isinstance(recorded, str):
+        is_shipped = shipped.is_shipped(study.study, record.get("config"))
+        recorded = study.study if is_shipped else ""
+    if recorded in ("", study.origin):
+        return ""
+    if recorded == study.study:
+        return "the shipped study"
+    file = os.path.normpath(folder.resolve() / recorded)
+    return "" if file == study.origin or not os.path.isfile(file) else os.path.relpath(file)
 
 
 def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:

@@ -154,7 +154,7 @@ def read_rows(path: Path) -> Table:
                     f"{path}, line {line}: {column} is {text!r}; allowed here: {', '.join(allowed)}"
                 )
     # A CSV that was cut at the end of a line tells by what stands beside it.
-    recorded = _parsed(contents[path.with_suffix(".json")]).get("rows")
+    recorded = parsed(contents[path.with_suffix(".json")]).get("rows")
     if isinstance(recorded, int) and recorded != len(lines):
         raise ResultsError(
             f"{path}, line {lines[-1] + 1}: {len(lines)} rows where {recorded} were written; "
@@ -192,7 +192,7 @@ class Facts:
 
 def facts(path: Path) -> Facts:
     """The facts next to a CSV; there are none where it travels alone."""
-    record = _parsed(results.read_record(path))
+    record = parsed(results.read_record(path))
     cases = [case for case in listed(mapping(record, "config"), "cases") if isinstance(case, dict)]
     accepted = (word for case in cases for word in listed(case, "accept"))
     known = (*STATUSES, NOT_CONVERGING)
@@ -225,7 +225,8 @@ def listed(record: Mapping[str, Any], key: str) -> Sequence[Any]:
     return value if isinstance(value, list) else []
 
 
-def _parsed(content: bytes | OSError) -> dict[str, Any]:
+def parsed(content: bytes | OSError) -> dict[str, Any]:
+    """A record; empty where there is none that can be read."""
     try:
         record = {} if isinstance(content, OSError) else files.parse_json(content)
     except ValueError:

@@ -41,10 +41,10 @@ def is_shipped(study: str, own: Any) -> bool:
     """Whether results are of the shipped study of their name, and not of a namesake.
 
     They are where the config in their record has its cases, whatever a version has added to
-    them.  A CSV that travels without a record goes by its name.
+    them.  A CSV that travels without one goes by its name.
     """
     theirs = configs().get(study)
-    if theirs is None or not isinstance(own, Mapping):
+    if theirs is None or not isinstance(own, Mapping) or "cases" not in own:
         return theirs is not None
     shared = {key: value for key, value in theirs.items() if key not in _OF_STUDY}
     cases = [{**shared, **case} for case in theirs.get("cases", [{}])]

@@ -380,7 +380,9 @@ def build(results: Results) -> dict[tuple[str, str], Cell]:
     """Entries by cure and symptom; raises `ResultsError` when the study has no results."""
     results = replace(results, slopes=[slope for slope in results.slopes if slope.shipped])
     if all(slope.study != STUDY for slope in results.slopes):
-        raise ResultsError(f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first")
+        raise ResultsError(
+            f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first"
+        )
     return {(c.name, s.name): s.cell(results, c) for c in CURES for s in SYMPTOMS}
 
 

@@ -56,7 +56,9 @@ def build(slopes: Iterable[Slope]) -> list[Entry]:
     """Entries of both tables; raises `ResultsError` when there are no results of the study."""
     ours = _ours(slopes)
     if not ours:
-        raise ResultsError(f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first")
+        raise ResultsError(
+            f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first"
+        )
     return [
         Entry(layout.name, column, slope)
         for layout in layouts(shipped.configs()[STUDY])
