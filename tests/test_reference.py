@@ -475,3 +475,16 @@ def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeyp
     assert [path.name.rsplit("-", 1)[0] for path in files(tmp_path)] == [
         "a.py-swing-0.05", "a.py-swing-after=2.0-0.05", "b.py-swing-0.05",
     ]  # fmt: skip
+
+
+def test_the_last_time_of_a_table_has_an_error_of_the_multipliers():
+    """No value lies beyond it, so that how λ changes in time is seen from before."""
+    driven = built(
+        "project_velocities: true\n"
+        "points: {O: {fixed: [0, 0]}, A: {at: [1, 0]}}\n"
+        "bodies: {arm: {from: O, to: A, length: 1, mass: 1, inertia: 0.1}}\n"
+        "motions: {m: {body: arm, angle: {table: {times: [0, 0.1, 0.2, 0.3, 0.4],"
+        " values: [0, 0.1, 0.15, 0.3, 0.2]}}}}\n"
+    )
+    before, last = (solution(driven, t).multipliers_error for t in (0.39, 0.4))
+    assert 0 < last < 10 * before < 1e-12

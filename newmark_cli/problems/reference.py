@@ -288,8 +288,11 @@ def _moved_by_rounding(system: Index1, t: float, u: Array, v: Array) -> tuple[Ar
     """By how much u (n,), v (n,) and λ (m,) change while t changes by its rounding."""
     a, here = system.accelerations(t, u, v)
     size, speed = float(np.abs(u).max()), float(np.abs(v).max())
-    step = _NEXT * (size / speed if size * speed > 0 else 1.0)
-    _, then = system.accelerations(t + step, u + step * v, v + step * a)
+    ahead = _NEXT * (size / speed if size * speed > 0 else 1.0)
+    for step in (ahead, -ahead):  # past its last time a table has no values
+        _, then = system.accelerations(t + step, u + step * v, v + step * a)
+        if np.all(np.isfinite(then)):
+            break
     unit = _EPS * abs(t)
     return unit * v, unit * a, unit * (then - here) / step
 
