@@ -1,7 +1,7 @@
 """The command line without what no test looks at.
 
-Advice draws less often what rounding does, marches are timed once, and of several figures the
-first is drawn and stands for all.  Processes for user code import it, too.
+Advice draws less often what rounding does, marches are timed once, and figures are drawn by the
+process itself.  Processes for user code import it, too.
 """
 
 from newmark_cli.advice import linearised
@@ -18,24 +18,11 @@ def advised(*arguments):
     return original(*arguments)
 
 
-def once(function):
-    found = []
-
-    def first(*arguments, **options):
-        if not found:
-            found.append(function(*arguments, **options))
-        return found[0]
-
-    return first
-
-
 if __name__ == "__main__":
     import quicker
 
-    from newmark_cli.report import page
-    from newmark_cli.report.drawing import draw, rendering, style
+    from newmark_cli.report.drawing import rendering
 
     advising._advised = quicker.advised
-    draw.drawn, rendering._WORTH = once(draw.drawn), 10**9
-    style.rendered = page.rendered = once(style.rendered)
+    rendering._WORTH = 10**9
     main()

@@ -143,11 +143,22 @@ class Reader:
             refused = bool(command.shown) and command.shown[0].startswith("newmark-study: ")
             codes = (0, 1) if command.may_fail else (2 if refused else 0,)
             assert done.returncode in codes, (command.words, printed)
+            if rest[0] in ("draw", "plot"):
+                self.require_pictures(done.stdout.split())
             if command.into:
                 self.cli.write(command.into, done.stdout)
             if command.shown:
                 shown = "\n".join(command.shown)
                 assert agrees(command.shown, printed), f"{shown}\n-- but --\n{printed}"
+
+    def require_pictures(self, names):
+        """What a command says that it has drawn is there, a picture each."""
+        drawn = [self.cli.folder / name for name in names if name.endswith((".png", ".svg"))]
+        contents = [path.read_bytes() for path in drawn]
+        assert len(set(contents)) == len(contents) > 0 or not drawn, names
+        for path, content in zip(drawn, contents, strict=True):
+            begins = b"\x89PNG" if path.suffix == ".png" else b"<?xml"
+            assert content.startswith(begins), path
 
     def validate(self, text):
         """Keys of a study or of a mechanism, put where they belong."""
