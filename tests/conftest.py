@@ -278,6 +278,7 @@ def write_swings(cli, *whats):
     cli.write(
         "swings.yaml",
         "study: swings\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
+        "expect: [{measure: correction, at_least: 1.0e-99}]\n"
         f"cases:\n{cases}",
     )
 

@@ -16,6 +16,7 @@ form: u-lambda
 preconditioning: none
 h: 0.1
 steps: 1
+expect: [{measure: correction, at_least: 1.0e-99}]
 """
 TEXT = "z" * 300_000
 

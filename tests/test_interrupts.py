@@ -22,6 +22,7 @@ form: u-lambda
 preconditioning: none
 h: 0.1
 t_end: 1.0
+expect: [{measure: correction, at_least: 1.0e-99}]
 """
 
 

@@ -254,6 +254,7 @@ form: u-lambda
 preconditioning: [none, optimal]
 h: 0.1
 t_end: 1.0
+expect: [{measure: correction, at_least: 1.0e-99}]
 measure: [correction, error]
 """
 

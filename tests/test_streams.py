@@ -15,6 +15,7 @@ form: u-lambda
 preconditioning: none
 h: 0.1
 steps: 1
+expect: [{measure: correction, at_least: 1.0e-99}]
 """
 
 FULL = "newmark-study: standard output: No space left on device\n"

@@ -61,6 +61,7 @@ def in_turn(folder, commands, **environment):
 #: projected, dense and static elimination, condition numbers, references, formulations.
 BITS = """\
 study: bits
+expect: [{measure: correction, at_least: 1.0e-99}]
 cases:
   - problem: [andrews, spatial-slider-crank, {chain: {links: 3}}]
     form: u-v-a-lambda
@@ -171,6 +172,7 @@ form: u-lambda
 preconditioning: none
 h: 0.1
 t_end: 1.0
+expect: [{measure: correction, at_least: 1.0e-99}]
 """
 
 

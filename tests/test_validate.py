@@ -232,3 +232,21 @@ def test_examples_of_integrators_are_right(method):
     assert cell.integrator.label.split()[0] == method
     assert parse(cell.integrator.label) == cell.integrator
     assert keys.read("integrator", cell.integrator.label, keys.IntegratorConfig) == cell.integrator
+
+
+def test_what_no_check_can_judge_is_said_before_it_runs(cli):
+    """In one line of `validate` and `run`, with the way out; neither fails by it."""
+    study = "study: mine\nproblem: pendulum\nform: u-lambda\npreconditioning: none\n"
+    ends = "warning: mine: steps: every h ends at another time, and so no order of error can be "
+    for rest, said in (
+        ("h: [0.1, 0.05]\nsteps: 4\nmeasure: error\n", f"{ends}judged; give t_end"),
+        ("h: [0.1]\nt_end: 0.2\nmeasure: condition\n", "warning: mine: one h, and so no order of "
+         "condition can be judged"),
+        ("h: [0.1, 0.05]\nt_end: 0.2\nmeasure: error\n", ""),
+        ("h: 0.1\nt_end: 0.2\nmeasure: history\n", ""),
+        ("h: 0.1\nt_end: 0.2\nmeasure: error\nexpect: [{measure: error, at_most: 1}]\n", ""),
+    ):  # fmt: skip
+        cli.write("mine.yaml", study + rest)
+        for command in ("validate", "run"):
+            done = cli(command, "mine.yaml")
+            assert done.stderr == (f"newmark-study: {said}\n" if said else "")

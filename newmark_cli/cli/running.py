@@ -84,6 +84,8 @@ def run(
     from newmark_cli.study import config
 
     studies = [config.find(name, allow_code) for name in configs]
+    for line in () if quiet else (line for study in studies for line in config.unjudged(study)):
+        screen.complain(f"warning: {line}")
     if dry_run:
         return _dry_run(studies, folder, how.force, shard)
     how = replace(how, shard=shard, parquet=kind == "parquet", timed=timed, replace=replacing)

@@ -385,6 +385,27 @@ class Study(StrictModel):
         return [cell for case in self.cases for cell in case.cells()]
 
 
+def unjudged(study: Study) -> Iterator[str]:
+    """What `check` will not be able to judge of a study, in a line for each reason."""
+    sizes: dict[tuple[str, str], set[float]] = {}
+    at_other_times: dict[str, None] = {}
+    for case in study.cases:
+        for spec, name in product(case.problem, case.measure):
+            if any(record.predicts for record in MEASURES[name].records):
+                sizes.setdefault((spec.label, name), set()).update(case.h)
+        if case.steps and len(set(case.h)) > 1:
+            ended = (r.name for name in case.measure for r in MEASURES[name].records if r.at_end)
+            at_other_times |= dict.fromkeys(ended)
+    alone = dict.fromkeys(name for (_, name), h in sizes.items() if len(h) == 1)
+    if alone and study.expect is None:
+        yield f"{study.study}: one h, and so no order of {', '.join(alone)} can be judged"
+    if at_other_times:
+        yield (
+            f"{study.study}: steps: every h ends at another time, and so no order of "
+            f"{', '.join(at_other_times)} can be judged; give t_end"
+        )
+
+
 _STUDY_KEYS = ("study", "description", "figures", "tables", "expect", "cases")
 
 
@@ -681,6 +702,7 @@ def describe(name: str, allow_code: bool) -> list[str]:
         warn(*problem.doubts)
         return _summary(name, problem) + loading.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))
+    warn(*unjudged(study))
     return [f"{name}: study {study.study}, {study.count} cells"]
 
 
