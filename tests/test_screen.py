@@ -10,11 +10,13 @@ import pytest
 from each import each
 from test_show import on_a_terminal
 
-from newmark_cli.report.drawing import draw
+import newmark_cli as newmark
+from newmark_cli.report.drawing import draw, pgf
+from newmark_cli.report.drawing.draw_mechanism import mechanism_figure
 from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
-from newmark_cli.report.tables.table import markdown_table
+from newmark_cli.report.tables.table import latex, markdown_table
 from newmark_cli.study.results import csv_text
 from newmark_cli.support.errors import one_line, visible, visible_lines
 
@@ -122,14 +124,86 @@ def test_figures_write_names_as_they_are(name, fits):
     ElementTree.fromstring(rendered(drawing, "svg"))
 
 
+#: Would run, or break, a document that has it as it is.
+TEX = r"$\input{/x}$ \write18{y} \$\catcode\$ ^^5cz % # } & _ ~"
+#: What LaTeX prints as a sign of a text.
+PRINTED = re.compile(
+    r"\\(?:textbackslash|textasciitilde|textasciicircum|textless|textgreater|textbar"
+    r"|textasciigrave|char34)\{\}|\\[&%$#_{}]"
+)
+
+EVIL = {
+    "title": TEX,
+    "points": {"O": {"fixed": [0, 0]}, r"$\input{x}$": {"at": [1, 0], "mass": 1}},
+    "bars": {"rod": {"from": "O", "to": r"$\input{x}$", "length": 1}},
+    "gravity": [0, -1],
+}
+
+
+def test_pgf_takes_names_as_text(cli):
+    """Titles, labels, notes and names of points; what labels have of mathematics stays."""
+    cli.write("evil.yaml", json.dumps(EVIL))
+    curve = {"label": TEX, "panel": TEX, "form": "u-lambda"}
+    shown = {"measure": "correction", "quantity": "u", "problem": "evil.yaml",
+             "title": TEX, "note": TEX}  # fmt: skip
+    curves = [curve | {"preconditioning": name} for name in ("none", "optimal")]
+    config = {
+        "study": "evil", "problem": "evil.yaml", "form": "u-lambda", "h": [0.1, 0.05], "steps": 9,
+        "preconditioning": ["none", "optimal"], "measure": "correction",
+        "figures": [
+            shown | {"figure": "one", "curves": curves[:1]},
+            shown | {"figure": "two", "curves": [curves[0], curves[1] | {"panel": f"other {TEX}"}]},
+            {"figure": "drawn", "kind": "mechanism", "problem": "evil.yaml", "title": TEX},
+        ],
+    }  # fmt: skip
+    cli.write("evil-study.yaml", json.dumps(config))
+    cli("run", "evil-study.yaml")
+    cli("plot", "one", "two", "--format", "pgf,svg")
+    written = cli.folder / "results/figures"
+    pages = {name: (written / f"figure-{name}.pgf").read_text() for name in ("one", "two")}
+    evil = newmark.problem(EVIL)
+    pages["drawn"] = rendered(mechanism_figure(TEX, evil, evil.u0), "pgf").decode()
+    counts = {}
+    for name, page in pages.items():
+        drawn = re.findall(r"\\def%\{\\%\}(.*)\}\}%\n", page)
+        theirs = [PRINTED.sub("", line) for line in drawn if "input" in line]
+        counts[name] = len(theirs)
+        assert not any(set(line) & set("\\{}$%&_#~^<>|`") for line in theirs), theirs
+        if name == "one":
+            assert any(r"$\|\Delta\bar u\|$" in line for line in drawn)
+    assert min(counts.values()) >= 2
+    for name in ("one", "two"):
+        ElementTree.parse(written / f"figure-{name}.svg")
+    line = cli.refused("plot", "drawn")
+    assert "figure drawn: evil.yaml is not a shipped mechanism; 'newmark-study draw" in line
+
+
+def test_long_texts_are_drawn_short():
+    """A name of thousands of letters takes no longer than others, and says that it goes on."""
+    h = np.array([1e-3, 1e-2])
+    panels = (Panel((Trace("l" * 9000, h, h, look(0)),), "h", "y", ("p" * 9000,)),) * 2
+    drawing = draw.drawn(Sheet("$" * 9000, panels))
+    entry = drawing.legends[0].get_texts()[0]
+    texts = [drawing.get_suptitle(), drawing.axes[0].get_title(), entry.get_text()]
+    for found, letter in zip(texts, "$pl", strict=True):
+        lines = found.split("\n")
+        assert len(lines) > 1
+        assert "".join(lines).replace("\\$", "$") == letter * 199 + "…"
+        assert not any(line.replace(r"\$", "").strip("pl…") for line in lines)
+
+
 def test_latex_takes_names_as_text():
     """Nothing of a name is a command, a ligature of signs, or ends a line."""
     found = text.latex_text('\\input{/etc/passwd} $ % & _ # { } ~ ^ \\ < > | " `\n\n' + BAD)
-    without = re.sub(r"\\(textbackslash|textasciitilde|textasciicircum|textless|textgreater"
-                     r"|textbar|textasciigrave|char34)\{\}|\\[&%$#_{}]", "", found)  # fmt: skip
+    without = PRINTED.sub("", found)
     assert not set(without) & set('\\{}$%&_#~^<>|"`')
     assert found.isprintable()
     assert r"\textbackslash{}input\{/etc/passwd\}" in found
+    # Signs of a name next to signs of mathematics, and subscripts that no formula has.
+    assert latex("$λ") == r"\$$\lambda$"
+    assert latex("λλ$") == r"$\lambda\lambda$\$"
+    assert [latex(name) for name in ("a_b_c", "_", "b_C")] == [r"a\_b\_c", r"\_", "$b_C$"]
+    assert pgf.latex("%\u0304 ς q\u0304") == "\\%\u0304 ς \\ensuremath{\\bar q}"
 
 
 def test_markdown_takes_names_as_text():

@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, power
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain, power
 from newmark_cli.report.drawing.style import NONE, checked, settled
 from newmark_cli.support.arrays import Array, Mask
-from newmark_cli.support.errors import InputError, visible
+from newmark_cli.support.errors import InputError
 
 #: Least width of a panel with its labels, of one whose ordinate is that of its row, and least sides
 #: of its axes (inch).
@@ -139,11 +139,6 @@ def _own_look(trace: Trace, cycle: Sequence[Mapping[str, Any]]) -> Look:
         return trace.look
     entry = cycle[trace.place % len(cycle)]
     return replace(trace.look, **{k: v for k, v in entry.items() if k in Look.__annotations__})
-
-
-def plain(text: str) -> str:
-    """A text without mathematics: a name that somebody gave may have dollar signs, or worse."""
-    return visible(text).replace("$", r"\$")
 
 
 def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
@@ -422,7 +417,9 @@ def _is_grid(sheet: Sheet) -> bool:
 
 
 #: What a line is not broken in: a word, or mathematics; and a space at which it is not.
-_WORD, _FIXED = re.compile(r"(?:\$[^$]*\$|[^ \n])+"), "\u00a0"
+_WORD, _FIXED = re.compile(r"(?:(?<!\\)\$[^$]*\$|[^ \n])+"), "\u00a0"
+#: Where mathematics begins or ends; a dollar sign of a text has a backslash.
+_DOLLAR = re.compile(r"(?<!\\)\$")
 
 
 def _wrapped(probe: Any, text: str, most: float) -> str:
@@ -441,9 +438,11 @@ def _wrapped(probe: Any, text: str, most: float) -> str:
         else:
             lines[-1:] = [longer]
         # A word that is longer than a line is broken, but for mathematics.
-        while "$" not in lines[-1] and (times := excess(lines[-1])) > 1 and len(lines[-1]) > 9:
+        mathematics = _DOLLAR.search(word)
+        while not mathematics and (times := excess(lines[-1])) > 1 and len(lines[-1]) > 9:
             cut = int(len(lines[-1]) / times) or 1
             cut = lines[-1].rfind("-", 1, cut) + 1 or cut
+            cut += lines[-1][cut - 1 : cut + 1] == r"\$"
             lines[-1:] = [lines[-1][:cut], lines[-1][cut:]]
     return "\n".join(lines)
 

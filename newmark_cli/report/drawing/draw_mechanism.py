@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from newmark_cli.mechanisms.sketch import Drawable, Mark, Scene, is_spatial, marks, scene
-from newmark_cli.report.drawing.draw import drawn, plain
-from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet
+from newmark_cli.report.drawing.draw import drawn
+from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet, plain
 from newmark_cli.report.drawing.style import settled
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.files import write_output
@@ -191,7 +191,8 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
         named.append((name, place, {"fontsize": 6, "color": _BLUE}))
     taken = [_along(mark.places, 0.02 * scene.size) for mark in seen if mark.symbol != "edge"]
     around = np.exp(1j * np.linspace(-math.pi, math.pi, 73)[:-1])
-    for name, place, look in (*points, *named) if not spatial else (*named, *points):
+    for given, place, look in (*points, *named) if not spatial else (*named, *points):
+        name = plain(given)
         # Letters of the name, at each side of its place, keep away from all that is there.
         letters = 0.003 * scene.size * look["fontsize"] * np.arange(0, len(name), 0.5)
         begin = place + 0.035 * scene.size * around - letters[-1] * (1 - around.real) / 2
@@ -203,7 +204,7 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
         aside = "left" if away.real > 0.4 else "right" if away.real < -0.4 else "center"
         far = 5 if aside != "center" else 8
         axes.annotate(
-            plain(name), (place.real, place.imag), textcoords="offset points",
+            name, (place.real, place.imag), textcoords="offset points",
             xytext=(far * away.real, far * away.imag), ha=aside, va="center", zorder=8, **look,
         )  # fmt: skip
 

@@ -16,6 +16,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from newmark_cli.support.arrays import Array, Mask
+from newmark_cli.support.errors import visible
 
 #: Width of a journal column (inch).
 WIDTH = 3.5
@@ -239,6 +240,16 @@ def spread(values: Iterable[Array]) -> tuple[float, float] | None:
 def from_zero(top: float) -> tuple[float, float]:
     """Ends of a linear ordinate from 0 to a value, with room for markers."""
     return -0.06 * top, 1.07 * top
+
+
+#: Longest text of somebody's that is drawn: what is longer takes long, and nobody reads it.
+_LONGEST = 200
+
+
+def plain(text: str) -> str:
+    """A text without mathematics: a name that somebody gave may have dollar signs, or worse."""
+    shown = visible(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
+    return shown.replace("$", r"\$")
 
 
 _SUPERSCRIPTS = str.maketrans("−-.0123456789", "⁻⁻·⁰¹²³⁴⁵⁶⁷⁸⁹")

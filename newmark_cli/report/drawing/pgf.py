@@ -6,7 +6,6 @@ by the font of the other formats, so that LaTeX is needed by the document alone.
 
 import io
 import re
-import unicodedata
 from typing import Any
 from unittest.mock import patch
 
@@ -21,20 +20,34 @@ _SIGNS = {
     "−": "-", "±": r"\pm", "·": r"\cdot", "×": r"\times", "‖": r"\|", "∞": r"\infty", "≤": r"\le",
     "≥": r"\ge", "→": r"\to", "∂": r"\partial", "…": r"\ldots", "ᵀ": r"^T", "ϕ": r"\phi",
 }  # fmt: skip
+_GREEK = (
+    r"\alpha \beta \gamma \delta \epsilon \zeta \eta \theta \iota \kappa \lambda \mu \nu \xi \pi "
+    r"\rho \sigma \tau \upsilon \phi \chi \psi \omega \Gamma \Delta \Theta \Lambda \Xi \Pi \Sigma "
+    r"\Upsilon \Phi \Psi \Omega"
+)
+# Other Greek letters are no commands of LaTeX.
+_SIGNS |= zip("αβγδεζηθικλμνξπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ", _GREEK.split(), strict=True)
 _SMALL = str.maketrans("⁻⁺·⁰¹²³⁴⁵⁶⁷⁸⁹", "-+.0123456789")
 _SUPERSCRIPT = re.compile("[⁻⁺⁰¹²³⁴⁵⁶⁷⁸⁹][⁻⁺·⁰¹²³⁴⁵⁶⁷⁸⁹]*")
+#: A letter, which is no sign of LaTeX, and a bar above it.
+_BARRED = re.compile(f"([A-Za-z{''.join(_SIGNS)}])\u0304")
 
 
-def latex(text: str) -> str:
-    """A label as LaTeX prints it: what stands between dollar signs is mathematics."""
-    parts = re.split(r"(?<!\\)\$([^$]*)(?<!\\)\$", text)
-    return "".join(f"${part}$" if i % 2 else _text(part) for i, part in enumerate(parts))
+def latex(label: str) -> str:
+    """A label as LaTeX prints it: what stands between dollar signs is mathematics.
+
+    A dollar sign with a backslash is one of a text.
+    """
+    parts = re.split(r"(?<!\\)\$([^$]*)(?<!\\)\$", label)
+    return "".join(
+        f"${part}$" if i % 2 else _text(part.replace(r"\$", "$")) for i, part in enumerate(parts)
+    )
 
 
 def _text(text: str) -> str:
-    tex = latex_text(text.replace(r"\$", "$"))
+    tex = latex_text(text)
     tex = _SUPERSCRIPT.sub(lambda m: rf"\ensuremath{{^{{{m[0].translate(_SMALL)}}}}}", tex)
-    tex = re.sub("(.)\u0304", lambda m: rf"\ensuremath{{\bar {_sign(m[1])}}}", tex)
+    tex = _BARRED.sub(lambda m: rf"\ensuremath{{\bar {_sign(m[1])}}}", tex)
     return "".join(
         letter if letter.isascii() or not _sign(letter) else rf"\ensuremath{{{_sign(letter)}}}"
         for letter in tex
@@ -43,13 +56,7 @@ def _text(text: str) -> str:
 
 def _sign(letter: str) -> str:
     """A letter as a math symbol; empty for a letter of text."""
-    if letter.isascii() or letter in _SIGNS:
-        return _SIGNS.get(letter, letter)
-    words = unicodedata.name(letter, "").split()
-    if words[:1] != ["GREEK"] or words[2:3] != ["LETTER"]:
-        return ""
-    name = words[3].replace("LAMDA", "LAMBDA")
-    return "\\" + (name.lower() if words[1] == "SMALL" else name.capitalize())
+    return _SIGNS.get(letter, letter if letter.isascii() else "")
 
 
 class _Renderer(backend_pgf.RendererPgf):
@@ -60,10 +67,13 @@ class _Renderer(backend_pgf.RendererPgf):
         other: Any = RendererAgg
         return other(1, 1, self.dpi).get_text_width_height_descent(s, prop, ismath)
 
-    def draw_text(self, gc: Any, x: Any, y: Any, s: str, *args: Any, **kwargs: Any) -> None:
-        """Write a text, as LaTeX prints it."""
+    def draw_text(
+        self, gc: Any, x: Any, y: Any, s: str, prop: Any, angle: Any, ismath: Any = False,
+        mtext: Any = None,
+    ) -> None:  # fmt: skip
+        """Write a line, as LaTeX prints it; of one without mathematics every sign is text."""
         draw: Any = super().draw_text
-        draw(gc, x, y, latex(s), *args, **kwargs)
+        draw(gc, x, y, latex(s) if ismath else _text(s), prop, angle, ismath, mtext)
 
 
 def written(figure: Figure) -> bytes:

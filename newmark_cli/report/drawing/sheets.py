@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.report.drawing import traces
-from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, power, spread
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain, power, spread
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
@@ -21,7 +21,7 @@ from newmark_cli.report.reading.history import Recorded, read_recorded
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.cell import DRIFTS
-from newmark_cli.support.errors import ResultsError
+from newmark_cli.support.errors import InputError, ResultsError
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _orders(figure: Figure, results: Results) -> Sheet:
         panels.append(traces.panel(own, drawn, _titles(figure, part), alike))
     fitted = any(trace.fit for panel in panels for trace in panel.traces)
     note = "fitted slope" if len(panels) == 1 else "above panels: fitted slopes, in this order"
-    return _sheet(figure, panels, figure.note or (note if fitted else ""))
+    return _sheet(figure, panels, plain(figure.note) or (note if fitted else ""))
 
 
 def _titles(figure: Figure, part: Part) -> tuple[str, ...]:
@@ -212,7 +212,9 @@ def _work(figure: Figure, results: Results) -> Sheet:
         titles, limits = _titles(figure, part), spread([slope.values for slope in alike])
         label = own[0].record.label(own[0].key)
         panels.append(Panel(tuple(drawn), cost.label, label, titles, y_limits=limits))
-    return _sheet(figure, panels, figure.note or "each from the largest step size to the smallest")
+    return _sheet(
+        figure, panels, plain(figure.note) or "each from the largest step size to the smallest"
+    )
 
 
 # -- values over time ---------------------------------------------------------------------------
@@ -344,9 +346,14 @@ def _drift(figure: Figure, results: Results) -> Sheet:
 
 def _mechanism(figure: Figure, results: Results) -> Sheet:
     """A mechanism in its initial position; needs no results."""
-    from newmark_cli.mechanisms.registry import picture
+    from newmark_cli.mechanisms.registry import PROBLEMS, picture
     from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 
+    if figure.problem not in PROBLEMS:
+        raise InputError(
+            f"figure {figure.name}: {figure.problem} is not a shipped mechanism; "
+            f"'newmark-study draw {figure.problem}' draws it"
+        )
     subject = picture(figure.problem)
     sheet = mechanism_sheet(figure.title, subject, subject.u0)
     return replace(sheet, settings={**sheet.settings, **figure.style})

@@ -154,8 +154,11 @@ _POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _MATH = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)|([" + "".join(_SYMBOLS) + "])")
 
 
-#: What is a formula as a whole: symbols and single letters.
-_FORMULA = re.compile(r"(?!n/a)(?!.*[A-Za-z]{2})(?=.*[^\W\d])[A-Za-z()/, _0-9′⁻⁰¹²³⁴⁵⁶⁷⁸⁹Ͱ-Ͽ]+")
+#: What is a formula as a whole: symbols and single letters, each with one subscript at most.
+_FORMULA = re.compile(
+    r"(?!n/a)(?!.*[A-Za-z]{2})(?!.*_(?:_|\W|$|._))(?=.*[^\W\d])"
+    r"[A-Za-z()/, _0-9′⁻⁰¹²³⁴⁵⁶⁷⁸⁹Ͱ-Ͽ]+"
+)
 
 
 def latex(text: str) -> str:
@@ -168,7 +171,7 @@ def latex(text: str) -> str:
     if _FORMULA.fullmatch(text):
         return f"${_MATH.sub(math, text)}$"
     text = _MATH.sub(lambda match: f"${math(match).strip()}$", latex_text(text))
-    return text.replace("$$", "").replace("–", "--").replace("…", r"\dots{}")
+    return re.sub(r"(?<!\\)\$\$", "", text).replace("–", "--").replace("…", r"\dots{}")
 
 
 def as_csv(tables: Sequence[Table], legend: Legend = ()) -> str:
