@@ -307,9 +307,12 @@ def test_junit(expecting):
         "{measure: error, quantity: u, preconditioning: none, slope: 3}",
         "{measure: error, quantity: v, at_most: 1}",
     )
-    printed = cli("check", "--junit", "reports/slopes.xml", code=1).stdout
+    done = cli("check", "--junit", "reports/slopes.xml", code=2)
+    assert "reports/slopes.xml: cannot be written: there is no folder" in done.stderr
+    assert not (cli.folder / "reports").exists()
+    printed = cli("check", "--junit", "slopes.xml", code=1).stdout
     assert "xml" not in printed
-    root = ElementTree.parse(cli.folder / "reports/slopes.xml").getroot()
+    root = ElementTree.parse(cli.folder / "slopes.xml").getroot()
     (suite,) = root
     assert (root.tag, suite.tag, suite.get("name")) == ("testsuites", "testsuite", "swing")
     cases = suite.findall("testcase")

@@ -84,6 +84,7 @@ def test_reading_is_bounded(tmp_path):
     [
         ("[" * 100_000, "nested too deeply"),
         ("1" * 5000, "digits"),
+        ("[" + "1" * 401 + "]", "a number of 401 digits"),
         ("{", "Expecting"),
         ("\xff", "UTF-8"),
     ],
@@ -240,6 +241,9 @@ def test_pages_go_where_they_are_sent(cli):
     cli("report", "--output", "link.html")
     assert (cli.folder / "page.html").read_text().startswith("<!DOCTYPE html>")
     (cli.folder / "results/report.html").symlink_to(cli.folder / "page.html")
+    line = cli.refused("report", "--output", "lost/page.html")
+    assert "lost/page.html: cannot be written: there is no folder" in line
+    assert not (cli.folder / "lost").exists()
     before = (cli.folder / "page.html").stat().st_mtime_ns
     cli("report")
     assert not (cli.folder / "results/report.html").is_symlink()

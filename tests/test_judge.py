@@ -231,15 +231,23 @@ def test_bad_tables_are_refused_in_a_line(cli):
             newmark.judge(path, THROWN)
         assert said in str(caught.value)
         assert str(caught.value).isprintable()
+    cli.write("dots.yaml", "'u[P.x]': 1.2.3 * t\n")
+    cli.write("huge.yaml", "'u[P.x]': 1e999 * t\n")
     command = ("judge", "mine.csv", "--problem", THROWN)
     assert "mine.csv: no row" in cli.refused(*command)
     for options, said in (
         (("--integrator", "bdf9"), "unknown method 'bdf9'"),
         (("--columns", "none.yaml"), "none.yaml: cannot be read"),
+        (("--columns", "dots.yaml"), "columns: u[P.x]: mine.csv: not a factor, given '1.2.3'"),
+        (("--columns", "huge.yaml"), "columns: u[P.x]: mine.csv: not a factor, given '1e999'"),
         (("--plot", "mine.gif"), "mine.gif: a figure ends in .png"),
     ):
         table.to_csv(path, index=False)
         assert said in cli.refused(*command, *options)
+    # What looks like an address is the path of a file, and read from nowhere else.
+    for address in (path.as_uri(), "http://127.0.0.1:9/mine.csv", "s3://mine/mine.parquet"):
+        line = cli.refused("judge", address, "--problem", THROWN)
+        assert line.endswith(": cannot be read: No such file or directory")
 
 
 def test_times_count_from_the_start_of_the_problem():

@@ -162,6 +162,16 @@ def test_every_mechanism_can_be_drawn(name):
         assert (symbol in key) == any(getattr(mechanism, kind) for kind in kinds)
 
 
+def test_a_later_picture_leaves_that_of_the_start(cli):
+    """A picture at another time has its own files."""
+    first = cli("draw", "pendulum").stdout.split()
+    assert first == [f"results/figures/pendulum.{kind}" for kind in ("png", "svg")]
+    before = [(cli.folder / name).read_bytes() for name in first]
+    later = cli("draw", "pendulum", "--at", "0.5").stdout.split()
+    assert later == [f"results/figures/pendulum-at-0.5.{kind}" for kind in ("png", "svg")]
+    assert [(cli.folder / name).read_bytes() for name in first] == before
+
+
 def test_animation(cli, monkeypatch):
     """A GIF with as many different frames as asked for, each with its time."""
     cli("draw", "slider-crank", "--at", "0.3", "--animate", "motion.gif", "--frames", "5")
@@ -214,5 +224,11 @@ def test_draw_refuses(cli):
     assert "unknown problem 'andrew'; did you mean 'andrews'" in cli.refused("draw", "andrew")
     assert "command line: problem: a.yaml: cannot be read" in cli.refused("draw", "a.yaml")
     assert "--at: must be" in cli.refused("draw", "andrews", "--at", "-1")
+    for twice in ("chain(links=2,links=3)", "chain(links=2 links=2)"):
+        assert f"{twice}: links is given twice" in cli.refused("draw", twice)
+    with pytest.raises(newmark.NewmarkError, match="links is given twice"):
+        newmark.problem("chain(links=2,links=3)")
+    line = cli.refused("draw", "pendulum", "--at", "1", "--integrator", "hht alpha=0 alpha=-0.1")
+    assert "alpha is given twice" in line
     assert "--h: must be" in cli.refused("draw", "andrews", "--at", "1", "--h", "2")
     assert "--animate: needs --at" in cli.refused("draw", "andrews", "--animate", "x.gif")

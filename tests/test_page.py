@@ -163,8 +163,8 @@ def test_a_single_small_study(cli):
     text = QUICK.replace("form: u-lambda", "form: [u-lambda, v-lambda]\nmeasure: condition")
     cli.write("quick.yaml", text)
     cli("run", "quick.yaml")
-    assert cli("report", "--output", "own/page.html").stdout == "own/page.html\n"
-    page = cli.folder / "own/page.html"
+    assert cli("report", "--output", "page.html").stdout == "page.html\n"
+    page = cli.folder / "page.html"
     read = Reader(page.read_text())
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
     assert [label.partition(":")[0] for label in labels] == [

@@ -9,6 +9,7 @@ import pytest
 from conftest import SWING
 from each import each
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms.spec import PythonFactory, portable
 from newmark_cli.problems.problem import ProblemError
 
@@ -292,3 +293,21 @@ def test_what_was_imported_counts(tmp_path):
         contents[case] = problem.content
     assert contents["a"] == contents["again"]
     assert len({*contents.values()}) == 3
+
+
+def test_loading_is_bounded_as_a_cell_is(cli):
+    """A module that hangs where it is imported, and forces in Python that do."""
+    cli.write("mine.py", "import time\ntime.sleep(120)\n")
+    cli.write("slow.yaml", STUDY)
+    cli.write("forced.yaml", STUDY.replace('{python: "mine.py:swing"}', "mechanism.yaml"))
+    cli.write(
+        "mechanism.yaml",
+        "points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 1}}\n"
+        "bars: {rod: {from: O, to: P, length: 1}}\n"
+        'python_forces: {air: {python: "mine.py:pull", on: [P]}}\n',
+    )
+    for study in ("slow.yaml", "forced.yaml"):
+        line = cli.refused("run", study, "--allow-code", "--timeout", "0.5")
+        assert line.endswith("cannot be loaded: took longer than 0.5 s")
+    with pytest.raises(newmark.NewmarkError, match=r"cannot be loaded: took longer than 0\.5 s$"):
+        newmark.run(str(cli.folder / "slow.yaml"), allow_code=True, timeout=0.5)

@@ -170,9 +170,10 @@ def draw(
     """Draw a mechanism, at its start or after a motion.
 
     PROBLEM is a shipped problem, a mechanism file, or a member of a family such as
-    'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg.  The motion up to T
-    is computed with numerical damping and compared with a coarser one; a warning is
-    printed if they differ visibly.
+    'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg, with --at T
+    <problem>-at-<T>.png and .svg.  The motion up to T is computed with numerical
+    damping and compared with a coarser one; a warning is printed if they differ
+    visibly.
 
     \b
     Example:
@@ -215,6 +216,7 @@ def draw(
         return 0
     title += f", t = {time:g} s" if time else ""
     name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-") or "mechanism"
+    name += f"-at-{time:g}" if time else ""
     figure = draw_mechanism.mechanism_figure(title, subject, places[-1])
     for file in style.save(figure, folder, name):
         screen.line(file)

@@ -153,7 +153,8 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
                 "--timeout",
                 type=click.FloatRange(0, 1e9, min_open=True),
                 metavar="SECONDS",
-                help="Time limit per cell; a cell that exceeds it fails.",
+                help="Time limit per cell, and for loading problems in Python; a cell that exceeds "
+                "it fails.",
             ),
             click.option(
                 "--executor",

@@ -203,8 +203,11 @@ def _file(path: Path) -> "pd.DataFrame":
     try:
         if path.suffix == ".parquet":
             require_parquet()
-            return pd.read_parquet(path)
-        frame = pd.read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+            return pd.read_parquet(path.absolute())
+        # An absolute path is no address, which pandas would fetch.
+        frame = pd.read_csv(
+            path.absolute(), dtype=str, keep_default_na=False, skipinitialspace=True
+        )
     except OSError as error:
         raise ArgumentError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (ValueError, pd.errors.ParserError) as error:  # of either library
@@ -249,7 +252,13 @@ def _times(expression: Any, known: Sequence[str], where: str) -> tuple[str, floa
     assert match is not None
     if match[3] not in known:
         raise ArgumentError(f"{where} has no column {match[3]!r}{nearest(match[3], known)}")
-    return match[3], float(match[2] or 1) * (-1 if match[1] else 1)
+    try:
+        factor = float(match[2] or 1)
+    except ValueError:
+        factor = math.nan
+    if not 0 < factor < math.inf:
+        raise ArgumentError(f"{where}: not a factor, given {match[2]!r}")
+    return match[3], -factor if match[1] else factor
 
 
 def _number_columns(

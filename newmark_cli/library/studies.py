@@ -4,6 +4,7 @@ import json
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -53,7 +54,7 @@ def run(
             omitted.
         jobs: Cells that run side by side; one for each usable processor if omitted.
         force: Whether cells that are kept are computed again.
-        timeout: Most wall time of a cell (s).
+        timeout: Most wall time of a cell, and of loading a problem in Python (s).
         allow_code: Whether problems in Python may be loaded, which runs their code.
 
     Returns:
@@ -78,12 +79,12 @@ def run(
     """
     from newmark_cli.running import runner
 
-    wanted = _study(study, arguments.flag("allow_code", allow_code))
     options = runner.Options(
         jobs=usable() if jobs is None else arguments.count("jobs", jobs, 1),
         force=arguments.flag("force", force),
         timeout=None if timeout is None else arguments.positive("timeout", timeout, " of seconds"),
     )
+    wanted = _study(study, arguments.flag("allow_code", allow_code), options.timeout)
     if results is not None and not isinstance(results, str | Path):
         raise ArgumentError(f"results must be a folder, given {arguments.shown(results)}")
     with tempfile.TemporaryDirectory(prefix="newmark-study-") as scratch:
@@ -191,7 +192,7 @@ def plot(
     frame: "pd.DataFrame",
     figure: int | str | None = None,
     *,
-    size: tuple[float, float | None] | None = None,
+    size: float | tuple[float, float | None] | None = None,
     **choice: str,
 ) -> "Drawing":
     """Draw a figure of a study, as ``newmark-study plot`` does.
@@ -200,7 +201,7 @@ def plot(
         frame: Rows as `run` returns them.
         figure: Which: its place among those that the frame is enough for, from 0, or its
             name; the first if omitted.
-        size: Width and height (inch); with a height of None, what it takes.
+        size: Width, or width and height (inch), from 1 to 40; as tall as it takes without a height.
         **choice: Draw only these: ``measure``, ``quantity``, ``form``, ``problem``,
             ``preconditioning`` or ``scaling``, ``integrator``.
 
@@ -208,7 +209,7 @@ def plot(
         A figure of matplotlib, which a notebook shows and ``savefig`` writes.
 
     Raises:
-        ArgumentError: If there is no such figure; names those there are.
+        ArgumentError: If there is no such figure; names those there are.  Or for another size.
         InputError: When nothing can be drawn.
 
     Examples:
@@ -227,6 +228,7 @@ def plot(
     from newmark_cli.report.judging.slopes import collect
     from newmark_cli.report.reading.choosing import Choice
 
+    sides = _sides(size)
     choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
     choice = {axes.ALIASES.get(name, name): value for name, value in choice.items()}
     for name, value in choice.items():
@@ -253,15 +255,36 @@ def plot(
             place = 0 if figure is None else arguments.count("figure", figure)
         if place >= len(figures):
             raise ArgumentError(f"figure must be below {len(figures)}, given {place}")
-        return draw.drawn(sheet(figures[place], data), size)
+        return draw.drawn(sheet(figures[place], data), sides)
 
 
-def _study(study: Any, allow_code: bool) -> Study:
+def _sides(size: Any) -> tuple[float, float | None] | None:
+    """Width and height (inch), if any, of a figure."""
+    if size is None:
+        return None
+    given = size if isinstance(size, tuple | list) else (size, None)
+    sides = [side for side in given if side is not None]
+    if (
+        len(given) != 2
+        or given[0] is None
+        or not all(
+            isinstance(side, Real) and not isinstance(side, bool) and 1 <= side <= 40
+            for side in sides
+        )
+    ):
+        raise ArgumentError(
+            "size must be a width, or a width and a height, from 1 to 40 inches, given "
+            f"{arguments.shown(size)}"
+        )
+    return float(given[0]), None if given[1] is None else float(given[1])
+
+
+def _study(study: Any, allow_code: bool, timeout: float | None) -> Study:
     if isinstance(study, Mapping):
         document = Document.of("study", study)
-        return config.parse(document, Surroundings(Path(), allow_code))
+        return config.parse(document, Surroundings(Path(), allow_code, timeout))
     if isinstance(study, str | Path):
-        return config.find(str(study), allow_code)
+        return config.find(str(study), allow_code, timeout)
     raise ArgumentError(f"a study must be a file, a name or a dict, given {arguments.shown(study)}")
 
 

@@ -201,14 +201,17 @@ class Code(_Loaded):
             return _run(self)
         return self.described or _described(self)
 
-    def read(self) -> Self:
+    def read(self, timeout: float | None = None) -> Self:
         """The same with the code that it has now, read once for all that comes.
+
+        Args:
+            timeout: Most wall time of loading it (s).
 
         Raises:
             ProblemError: As `load`.
         """
         reading = uuid.uuid4().hex
-        problem = _described(self, reading)
+        problem = _described(self, reading, timeout)
         if not problem.compiled:
             apart.end(reading)
         return replace(self, code=problem.code, reading=reading, described=problem)
@@ -250,9 +253,9 @@ def _unpacked(spec: Code) -> Iterator[Code]:
         yield replace(spec, path=folder / spec.path.name)
 
 
-def _described(spec: Code, reading: str | None = None) -> Problem:
+def _described(spec: Code, reading: str | None = None, timeout: float | None = None) -> Problem:
     try:
-        problem = apart.call(_description, (spec.pinned(),), owner=reading)
+        problem = apart.call(_description, (spec.pinned(),), timeout, owner=reading)
     except apart.ApartError as error:
         raise ProblemError(f"{spec.named}: cannot be loaded: {error}") from None
     if not isinstance(problem, Problem):
@@ -360,12 +363,21 @@ _LABEL = re.compile(r"([^()]+)\(([^()]*)\)")
 
 
 def name_and_arguments(label: str) -> tuple[str, dict[str, Any]]:
-    """Family and sizes, or Python factory and arguments, from the label of a problem."""
+    """Family and sizes, or Python factory and arguments, from the label of a problem.
+
+    Raises:
+        ProblemError: When an argument is given twice.
+    """
     match = _LABEL.fullmatch(label)
     if match is None:
         return label, {}
-    parts = (part.partition("=") for part in re.split("[ ,]+", match[2].strip()) if part)
-    return match[1], {name: plain(value) for name, _, value in parts}
+    arguments: dict[str, Any] = {}
+    for part in filter(None, re.split("[ ,]+", match[2].strip())):
+        name, _, value = part.partition("=")
+        if name in arguments:
+            raise ProblemError(f"{label}: {name} is given twice")
+        arguments[name] = plain(value)
+    return match[1], arguments
 
 
 def with_ending(name: str, folder: Path = Path()) -> str:

@@ -423,21 +423,22 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
     run = provenance.run(study, ended, options.jobs, checksums, folder)
     for cell, recorded in zip(cells, run["cells"], strict=True):
         recorded["kept_as"] = file_name(cell)
-    record |= {key: facts for key, facts in _of_problems(cells).items() if facts}
+    known = _of_problems(cells, options.timeout)
+    record |= {key: facts for key, facts in known.items() if facts}
     with interrupts.postponed():
         results.replace(folder, study.study, texts, record, run)
         prune.finished(folder, study)
     return path
 
 
-def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
+def _of_problems(cells: Sequence[Cell], timeout: float | None) -> dict[str, dict[str, Any]]:
     """Facts of problems for verdicts, figures and readers, by kind and problem."""
     longest: dict[ProblemSpec, tuple[float, float]] = {}
     for cell in cells:
         if cell.steps > 0:
             t_end, h = longest.get(cell.problem, (0.0, math.inf))
             longest[cell.problem] = max(t_end, cell.reached), min(h, cell.h)
-    facts = {spec.label: _facts(spec, t_end, h) for spec, (t_end, h) in longest.items()}
+    facts = {spec.label: _facts(spec, *of, timeout) for spec, of in longest.items()}
     known: dict[str, dict[str, Any]] = {
         "motions": {
             label: {"singular": list(of_motion.singular), "still": of_motion.still}
@@ -465,9 +466,9 @@ def _of_problems(cells: Sequence[Cell]) -> dict[str, dict[str, Any]]:
     return known
 
 
-def _facts(spec: ProblemSpec, t_end: float, h: float) -> motion.Facts:
+def _facts(spec: ProblemSpec, t_end: float, h: float, timeout: float | None) -> motion.Facts:
     try:
-        return with_problem(spec, _quiet_facts, t_end, h)
+        return with_problem(spec, _quiet_facts, t_end, h, timeout=timeout)
     except apart.ApartError:  # the status of the cells says why
         return motion.Facts()
 

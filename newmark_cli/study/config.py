@@ -409,13 +409,15 @@ def unjudged(study: Study) -> Iterator[str]:
 _STUDY_KEYS = ("study", "description", "figures", "tables", "expect", "cases")
 
 
-def load(path: Path, name: str | None = None, allow_code: bool = False) -> Study:
+def load(
+    path: Path, name: str | None = None, allow_code: bool = False, timeout: float | None = None
+) -> Study:
     """Study from a YAML file.
 
     Keys of a case may stand at the top: they hold for every case that does not
     set them, and without ``cases`` they are the only case.
     """
-    study = parse(documents.read(path, name), Surroundings(path.parent, allow_code))
+    study = parse(documents.read(path, name), Surroundings(path.parent, allow_code, timeout))
     study._origin = str(path.resolve())
     return study
 
@@ -636,14 +638,17 @@ def load_shipped(name: str) -> Study:
     return study
 
 
-def find(config: str, allow_code: bool = False) -> Study:
-    """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name."""
+def find(config: str, allow_code: bool = False, timeout: float | None = None) -> Study:
+    """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name.
+
+    Loading a problem in Python takes ``timeout`` seconds at most.
+    """
     if config in shipped():
         return load_shipped(config)
     config = with_ending(config)
     path = Path(config)
     if path.suffix in (".yaml", ".yml"):
-        return load(path, config, allow_code)
+        return load(path, config, allow_code, timeout)
     raise _no_study(config)
 
 

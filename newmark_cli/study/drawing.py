@@ -109,7 +109,7 @@ def entries(config: Any, key: str, read: Callable[[Any], Entry]) -> list[Entry] 
     listed = config.get(key) if isinstance(config, Mapping) else None
     try:
         return None if listed is None else [read(entry) for entry in listed]
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise ValueError(f"{key}: not as written by a run: {error}") from None
 
 

@@ -299,8 +299,8 @@ class MethodConfig(Valued):
         mapping: dict[str, Any] = {"method": method}
         for word in words:
             name, equals, value = word.partition("=")
+            why = f"{name} is given twice" if name in mapping else ""
             mapping[name] = documents.plain(value) if equals else True
-            why = ""
             if name not in cls.model_fields:
                 why = f"unknown parameter {name!r}; for example {cls.example()}"
             elif isinstance(mapping[name], str):
@@ -667,12 +667,14 @@ class Surroundings:
     Attributes:
         folder: Where files that it names are looked for.
         allow_code: Whether problems in Python may be loaded.
+        timeout: Most wall time of loading one (s).
         problems: Those of the document that were read, by how it names them, None for one
             whose mistakes are reported already: what their files said then holds for all of it.
     """
 
     folder: Path = Path()
     allow_code: bool = False
+    timeout: float | None = None
     problems: dict[Hashable, ProblemSpec | None] = field(default_factory=dict, compare=False)
 
 
@@ -702,7 +704,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
     if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
         path = (around.folder / value).absolute()
-        read = partial(_mechanism, path, value, around.allow_code)
+        read = partial(_mechanism, path, value, around)
         return _read_once(value, loading.label(value), read, around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise _unknown("problem", value, (*PROBLEMS, *FAMILIES))
@@ -719,11 +721,11 @@ def _labelled(text: str, around: Surroundings) -> Any:
     return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
 
 
-def _mechanism(path: Path, name: str, allow_code: bool) -> ProblemSpec:
+def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
     """What a mechanism file says now."""
     file = documents.fetch(path, name)
-    if allow_code and _has_code(file):
-        return ForcedMechanism(file, path).read()
+    if around.allow_code and _has_code(file):
+        return ForcedMechanism(file, path).read(around.timeout)
     mechanism = MechanismFile(file)
     mechanism.load()
     return mechanism
@@ -753,7 +755,7 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
     spec = PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
-    return _read_once(spec, spec.label, spec.read, around)
+    return _read_once(spec, spec.label, partial(spec.read, around.timeout), around)
 
 
 def _read_once(

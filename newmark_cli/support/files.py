@@ -148,11 +148,18 @@ def parse_json(content: bytes) -> Any:
         ValueError: It is not JSON; says why.
     """
     try:
-        return json.loads(content.decode("utf-8"))
+        return json.loads(content.decode("utf-8"), parse_int=_whole)
     except RecursionError:
         raise ValueError("nested too deeply") from None
     except UnicodeDecodeError:
         raise ValueError("not text in UTF-8") from None
+
+
+def _whole(text: str) -> int:
+    """A whole number that a float can hold, too: nothing that is measured is larger."""
+    if len(text) > 300:
+        raise ValueError(f"a number of {len(text)} digits")
+    return int(text)
 
 
 def read_json(path: Path, most: int = MOST) -> Any:
@@ -225,7 +232,7 @@ def write_output(path: Path, content: str | bytes) -> None:
     """Write a file that the user has named.
 
     A link is followed, a device or a pipe is written to, and a file that exists keeps its
-    mode.  A regular file is whole, or as it was before.
+    mode.  A regular file is whole, or as it was before; its folder must be there.
 
     Raises:
         ResultsError: The file cannot be written.
@@ -237,7 +244,8 @@ def write_output(path: Path, content: str | bytes) -> None:
                 with open(_open(path, os.O_WRONLY, links=True), "wb") as file:
                     file.write(_bytes(content))
                 return
-        target.parent.mkdir(parents=True, exist_ok=True)
+        if not target.parent.exists():
+            raise FileNotFoundError(errno.ENOENT, f"there is no folder {target.parent}")
         write(target, content)
 
 

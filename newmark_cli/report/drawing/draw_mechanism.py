@@ -194,7 +194,7 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
     for given, place, look in (*points, *named) if not spatial else (*named, *points):
         name = plain(given)
         # Letters of the name, at each side of its place, keep away from all that is there.
-        letters = 0.003 * scene.size * look["fontsize"] * np.arange(0, len(name), 0.5)
+        letters = 0.003 * scene.size * look["fontsize"] * np.arange(0, len(name) or 1, 0.5)
         begin = place + 0.035 * scene.size * around - letters[-1] * (1 - around.real) / 2
         text = begin[:, None] + letters
         apart = np.abs(text[:, :, None] - np.concatenate(taken)) / scene.size
