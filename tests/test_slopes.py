@@ -129,7 +129,7 @@ def test_a_miss_has_its_local_orders_and_its_reason(tmp_path):
     (line,) = check.remarks(found(tmp_path, table))
     assert line == (
         "miss: own andrews u-lambda trapezoidal none, error of u: local orders 1.00 1.00 1.00; "
-        "slope 1 ± 0.021 over h = 0.01 … 1e-05"
+        "slope 1 (interval 0.98 to 1.02) over h = 0.01 … 1e-05"
     )
     assert check.remarks(found(tmp_path, series(power(-2)))) == []
 

@@ -185,6 +185,7 @@ def show(
 @flag("--json", "as_json", help="Print every slope, claim and expectation as JSON.")
 @flag("--markdown", help="Print the tables as Markdown.")
 @flag("--strict", help="Fail if a series or an expectation is undecided.")
+@flag("--strict-expectations", help="Fail if a claim or an expectation is undecided.")
 @click.option(
     "--junit",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -198,6 +199,7 @@ def check(
     as_json: bool,
     markdown: bool,
     strict: bool,
+    strict_expectations: bool,
     junit: Path | None,
 ) -> int:
     """Check slopes against predicted orders, claims and expectations.
@@ -206,7 +208,8 @@ def check(
     there.  Exits with 1 if a slope misses its prediction by more than its tolerance, a
     series does not converge or lacks results, a claim of a figure or an expectation of
     the config fails, a CSV differs from its record, or nothing could be judged.  Warns
-    of series with too few or too coarse step sizes; with --strict they fail.  In GitHub
+    of series with too few or too coarse step sizes; with --strict they fail, with
+    --strict-expectations only those of which the config expects something.  In GitHub
     workflows (GITHUB_ACTIONS=true), annotates the run with failures.
 
     \b
@@ -235,15 +238,17 @@ def check(
         if not markdown:
             screen.lines(wrapped(summary))
     asserted = outcomes.of(series, expected, changed, tables=True)
+    decided = outcomes.EXPECTATIONS if strict_expectations else outcomes.LENIENT
+    decided = outcomes.ALL if strict else decided
     if junit is not None:
-        files.write_output(junit, outcomes.junit(asserted, strict))
+        files.write_output(junit, outcomes.junit(asserted, decided))
     if os.environ.get("GITHUB_ACTIONS") == "true":
         top = os.environ.get("GITHUB_WORKSPACE")
         # Not into what programs read, or what is published.
         tell = screen.note if as_json or markdown else screen.line
-        for line in outcomes.annotations(asserted, strict, Path(top) if top else None):
+        for line in outcomes.annotations(asserted, decided, Path(top) if top else None):
             tell(line)
-    return verdict(asserted, strict)
+    return verdict(asserted, decided)
 
 
 @click.command()
@@ -473,9 +478,11 @@ def show_claims(
                 screen.lines(markdown_table(table) + "\n")
         return ""
     slope_rows, claims = checking.slope_lines(chosen), expectations.claim_lines(expected)
-    for table in (slope_rows, claims, expectations.lines(expected)):
-        if len(table) > 1:
-            screen.lines(text_table(table) + "\n")
+    tables = [t for t in (slope_rows, claims, expectations.lines(expected)) if len(t) > 1]
+    if tables:
+        screen.line("Fitted ± standard error, predicted ± tolerance:\n")
+    for table in tables:
+        screen.lines(text_table(table) + "\n")
     for remarks in (checking.remarks(slopes), expectations.remarks(expected), changed):
         most = len(remarks) if show_all else REMARKS
         for line in remarks[:most]:
@@ -490,7 +497,7 @@ def show_claims(
     return summary
 
 
-def verdict(asserted: "Sequence[Outcome]", strict: bool = False) -> int:
+def verdict(asserted: "Sequence[Outcome]", strict: str = "") -> int:
     """1 when something that is asserted is not so; says what the tables of a check do not."""
     from newmark_cli.report.tables import outcomes
 

@@ -115,7 +115,7 @@ class Judged:
 
     def _lines(self) -> Iterable[str]:
         rows: list[tuple[str, ...]] = [
-            ("quantity", "order", "expected", f"over {self.abscissa}", "least", "verdict")
+            ("quantity", "order ± stderr", "expected", f"over {self.abscissa}", "least", "verdict")
         ]
         for label in self.series:
             rows += [("",), (label,)] if label != UNNAMED or len(self.series) > 1 else []

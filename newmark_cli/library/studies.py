@@ -29,7 +29,7 @@ _RECORDS = "newmark-study records"
 #: Attribute of a frame: study → its trajectories, as the text of their CSV.
 _TRAJECTORIES = "newmark-study trajectories"
 #: What of a record goes with a frame: the config says what is accepted and drawn.
-_KEPT = ("study", "config", "motions")
+_KEPT = ("study", "config", "motions", "not_unique")
 
 
 def run(
@@ -97,8 +97,10 @@ def run(
 
 
 def _read(folder: Path, study: str) -> "pd.DataFrame":
+    from newmark_cli.library.frames import Rows
+
     path = folder / f"{study}.csv"
-    frame = reading.read_study(path).reset_index(drop=True)
+    frame = Rows(reading.read_study(path).reset_index(drop=True))
     record = records.known(path)
     record_kept = {key: record[key] for key in _KEPT if key in record}
     frame.attrs[_RECORDS] = {study: json.dumps(record_kept)}
@@ -268,7 +270,7 @@ def _sides(size: Any) -> tuple[float, float | None] | None:
         len(given) != 2
         or given[0] is None
         or not all(
-            isinstance(side, Real) and not isinstance(side, bool) and 1 <= side <= 40
+            isinstance(side, Real) and not isinstance(side, bool) and 1 <= float(side) <= 40
             for side in sides
         )
     ):

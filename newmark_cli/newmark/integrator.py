@@ -199,6 +199,29 @@ def _refuse_outside(name: str, value: float, low: float, high: float, why: str) 
         raise IntegratorError(f"{name} = {value:g}: must be within [{low:g}, {high:g}]; {why}")
 
 
+def at_infinity(integrator: Integrator) -> tuple[Array, Array]:
+    """A step of h = 1 in which the constraints alone say where u is.
+
+    Returns:
+        (P, P + 1) the new past vectors and (P + 1,) v', from the old past and the new u.
+    """
+    relations = integrator.relations(1.0)
+    unit = np.eye(len(relations.u_past))
+    # A row for each field: its part from the past vectors, then from the new u.
+    u = np.append(0 * unit[0], 1.0)
+    a = np.append(-relations.u_past, 1.0) / relations.u_from_a
+    v = relations.v_from_a * a + np.append(relations.v_past, 0.0)
+    true = relations.acceleration[0] * a + np.append(relations.acceleration[1:], 0.0)
+    increments = (u - np.append(unit[0] + unit[1], 0.0), v - np.append(unit[1], 0.0))
+    return np.array([u, v, a, true, *increments])[relations.advance], true
+
+
+def fading(integrator: Integrator) -> float:
+    """What a step leaves of an error of a and λ: ρ∞, the spectral radius at infinite frequency."""
+    advanced, _ = at_infinity(integrator)
+    return float(np.abs(np.linalg.eigvals(advanced[:, :-1])).max())
+
+
 @dataclass(frozen=True)
 class Newmark(_Labelled):
     """Newmark's scheme (eqs. 12b, 12c); β = 1/4, γ = 1/2 is the trapezoidal rule.

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.integrator import Integrator, at_infinity
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem
@@ -33,15 +33,7 @@ def carried(integrator: Integrator) -> float:
 
     It does not depend on h; infinite without numerical dissipation.
     """
-    relations = integrator.relations(1.0)
-    unit = np.eye(len(relations.u_past))
-    # A row for each field: its part from the past vectors, then from the new u.
-    u = np.append(0 * unit[0], 1.0)
-    a = np.append(-relations.u_past, 1.0) / relations.u_from_a
-    v = relations.v_from_a * a + np.append(relations.v_past, 0.0)
-    true = relations.acceleration[0] * a + np.append(relations.acceleration[1:], 0.0)
-    increments = (u - np.append(unit[0] + unit[1], 0.0), v - np.append(unit[1], 0.0))
-    advanced = np.array([u, v, a, true, *increments])[relations.advance]
+    advanced, true = at_infinity(integrator)
     passing, entering = advanced[:, :-1], advanced[:, -1]
     if not (integrator.damped and np.max(np.abs(np.linalg.eigvals(passing))) < 1):
         return np.inf

@@ -26,8 +26,18 @@ from newmark_cli.mechanisms.spec import (
     with_problem,
 )
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import is_formulated
 from newmark_cli.newmark.kept import ENERGY, OUTPUT
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, SPARSE, STATIC
+from newmark_cli.newmark.linear.choice import (
+    AUTO,
+    DENSE,
+    GMRES,
+    MINRES,
+    PIVOTED_UP_TO,
+    SPARSE,
+    STATIC,
+    choose,
+)
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
@@ -38,7 +48,15 @@ from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.figure_keys import Figures
 from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
-from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
+from newmark_cli.study.measures import (
+    CONDITION,
+    CORRECTION,
+    DRIFT,
+    HISTORY,
+    MEASURES,
+    TRAJECTORY,
+    Measure,
+)
 from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents
 from newmark_cli.support.apart import ApartError
@@ -247,6 +265,28 @@ class _Rules(RuledModel):
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
         return list(axes.values(self)["preconditioning"])
+
+    @property
+    def scales(self) -> bool:
+        """Whether it measures what a scaling does to the solver."""
+        measured = {CONDITION.name, CORRECTION.name} & set(self.measure)
+        return bool(measured) and any(variant.name != "none" for variant in self.variants())
+
+    def unseen(self) -> str:
+        """Where `auto` takes a solver that does not see a scaling; empty where it does not."""
+        specs = [s for s in self.problem if AUTO in self.linear_solver and not is_code(s)]
+        names = ("form", "formulation", "projection", "precision")
+        for spec, at in product(specs, self._combinations(*names)):
+            form, formulated = (
+                at["formulation"].applied(FORMS[at["form"]]),
+                is_formulated(at["formulation"], at["projection"]),
+            )
+            if choose(AUTO, spec.traits(), form, formulated, at["precision"]) == STATIC:
+                return (
+                    f"linear_solver {AUTO} takes {STATIC} for {spec.label}, {at['form']}, as above "
+                    f"{PIVOTED_UP_TO} unknowns; it does not see a scaling, {DENSE} and {SPARSE} do"
+                )
+        return ""
 
     def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""
@@ -464,6 +504,10 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     study._expected_at = (document.name, tuple(filter(None, lines)))
     for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
         _warn_of(spec)
+    scalings = {variant.name for case in study.cases for variant in case.variants()}
+    unseen = (case.unseen() for case in study.cases if len(scalings) > 1 or case.scales)
+    if text := next(filter(None, unseen), ""):
+        warn(f"{document.name}: {text}")
     return study
 
 

@@ -151,6 +151,8 @@ class Record:
     bounded: Callable[[SeriesKey], str] = lambda key: ""
     #: whether an error may alternate undamped from step to step, from the key
     alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
+    #: what each step leaves of an alternation of multipliers from the start, from the key
+    fading: Callable[[SeriesKey], float] = lambda key: _fading(key)
     quantities: tuple[str, ...] = ()  #: what the rows may be about, as in the CSV
 
     def drawn(self, rows: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> Array:
@@ -341,6 +343,13 @@ def _alternates(key: SeriesKey) -> bool:
     march = _march_of(key)
     kept_out = {"Ca", "B"} & set(march.formulation.kind.rows)
     return not (march.integrator.damped or march.projection.level or kept_out)
+
+
+def _fading(key: SeriesKey) -> float:
+    """0 where the constraints of velocities hold, which keep an alternation out."""
+    march = _march_of(key)
+    kept_out = not march.by_position or march.projection.level or not march.integrator.damped
+    return 0.0 if kept_out else integrator.fading(march.integrator)
 
 
 def _bound_of_correction(key: SeriesKey) -> str:

@@ -261,7 +261,10 @@ def _slope(
         expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
         # The order of a user is neither a bound nor met by zeros.
         exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
-    judgement = _judged(key, record, rows, values, expected, tolerance, points, exact)
+    irregular = "" if key.initial or record.kind == "determined" else _irregular(of_motion)
+    judgement = _judged(
+        key, record, rows, values, expected, tolerance, points, exact, irregular, own is not None
+    )
     steps, rounding = (np.array(rows[name], float) for name in ("steps", ROUNDING))
     # Where theory predicts an order, nobody can accept another.
     ends_as_accepted = judgement.verdict == NOT_CONVERGING and "not_converging" in accepted
@@ -272,7 +275,7 @@ def _slope(
         accepted=ends_as_accepted and bool(np.isnan(expected)),
         in_paper=any(figure.in_paper for figure in figures),
     )  # fmt: skip
-    return _moved(_resolved(slope), of_motion.singular, of_motion.still)
+    return _moved(slope if own is not None else _resolved(slope), of_motion.still)
 
 
 def _resolved(slope: Slope) -> Slope:
@@ -291,18 +294,22 @@ def _resolved(slope: Slope) -> Slope:
 _SLOW = 0.1
 
 
-def _moved(slope: Slope, singular: Sequence[float], still: bool) -> Slope:
-    """The verdict where the motion is singular or still: theory assumes regular motions."""
+def _irregular(motion: Motion) -> str:
+    """Why theory, which assumes regular motions, says nothing of this one; empty where it does."""
+    times = list(dict.fromkeys(motion.singular))
+    if not times:
+        return ""
+    where = ", ".join(f"{t:g}" for t in times[:3]) + (", …" if len(times) > 3 else "")
+    return f"the motion passes a singular position near t = {where}, where no order holds"
+
+
+def _moved(slope: Slope, still: bool) -> Slope:
+    """The verdict where nothing moves."""
     if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
         return slope
     if still:
         return replace(slope, verdict=UNDECIDED, reason="nothing moves: there is only rounding")
-    if not singular or slope.verdict not in (MISS, NOT_CONVERGING):
-        return slope
-    where = ", ".join(f"{t:g}" for t in singular[:3]) + (", …" if len(singular) > 3 else "")
-    reason = f"the motion passes a singular position near t = {where}, where no order holds"
-    verdict = UNDECIDED if slope.verdict == MISS else slope.verdict
-    return replace(slope, verdict=verdict, reason=joined(slope.reason, reason))
+    return slope
 
 
 #: Quantities of these measures depend on which redundant rows were dropped, where any were.
@@ -327,6 +334,8 @@ def _judged(
     tolerance: float,
     points: int,
     exact: bool,
+    irregular: str,
+    written: bool,
 ) -> Judgement:
     """The verdict on one series; points stay in their order."""
     h = np.array(rows["h"], float)
@@ -361,6 +370,9 @@ def _judged(
         typical=np.array(rows["median"], float)[order],
         largest=np.array(rows["max"], float)[order],
         undamped=key.quantity in OF_MULTIPLIERS and record.alternates(key),
+        fading=record.fading(key) if key.quantity in OF_MULTIPLIERS else 0.0,
+        irregular=irregular,
+        written=written,
     )
     judgement = judge(evidence)
     fitted = np.empty(len(h), bool)

@@ -42,6 +42,10 @@ _DECADE = 9.99
 _SMALL = 0.1
 #: Relative uncertainty of an error as a power of h, for the terms of the next order.
 _NEXT_TERM = 0.05
+#: Decades that rounding of h may add to a range of it.
+_SAME = 1e-9
+#: Why multipliers are wrong at every h under an integrator without damping.
+ALTERNATES = "the integrator does not damp multipliers that alternate, generalized-alpha does"
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +70,12 @@ class Evidence:
     #: (points,) largest values over the steps; empty likewise.
     largest: Array = field(default_factory=lambda: np.empty(0))
     undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
+    #: what a step leaves of the alternation that multipliers have from the start; 0 of others
+    fading: float = 0.0
+    irregular: str = ""  #: why no order holds along this motion; empty where one does
+    #: whether the order is a user's, who wrote what holds at these step sizes; theory speaks of
+    #: ever smaller ones, and spares what may come to its order there
+    written: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +109,11 @@ def judge(evidence: Evidence) -> Judgement:
         judgement = _not_converging(evidence, clear)
     if math.isnan(evidence.expected):
         seen, unclear = _above(evidence, _CLEAR)
-        shown = _judged(evidence, SHOWN, seen, unclear if evidence.kind == "truncation" else "")
+        if evidence.kind != "truncation":
+            unclear = ""
+        elif evidence.undamped and evidence.values[-1] > _SMALL:
+            unclear = joined(unclear, f"off by {evidence.values[-1]:.2g} of its size: {ALTERNATES}")
+        shown = _judged(evidence, SHOWN, seen, unclear)
         return judgement if judgement and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for share in (RULED, _CLEAR, alike):
@@ -165,7 +179,9 @@ def _rounding_alone(evidence: Evidence) -> Judgement:
     value, reach = evidence.values[where], rounding[where]
     reason = f"{value:.2g} at h = {evidence.h[where]:g}, of which rounding changes {reach:.2g}"
     if value > reach / _CLEAR:
-        return _judged(evidence, MISS, everything, f"more than rounding: {reason}")
+        reason = joined(f"more than rounding: {reason}", evidence.irregular)
+        verdict = UNDECIDED if evidence.irregular else MISS
+        return _judged(evidence, verdict, everything, reason)
     return _judged(evidence, PASS, everything, f"rounding only: {reason}")
 
 
@@ -196,12 +212,17 @@ def _missed(evidence: Evidence, points: Mask, left: str) -> Judgement:
     for window in _windows(points):
         fit = _fit(evidence, window)
         off = abs(fit.slope - evidence.expected) - evidence.tolerance
-        if fit.straight and off > fit.margin:
-            spared = _spared(evidence, window, fit)
+        if off > fit.margin and (fit.straight or evidence.written):
             first, last = evidence.h[window][[0, -1]].tolist()
-            reason = spared or f"slope {_sloped(fit)} over h = {first:g} … {last:g}"
+            reason = f"slope {_sloped(fit)} over h = {first:g} … {last:g}"
+            why = evidence.irregular or _of_start(evidence, window)
+            if evidence.written:
+                return Judgement(MISS, fit, window, joined(reason, why, left))
+            spared = why or _spared(evidence, window, fit)
             if not spared and first < _DECADE * last:
-                spared = reason = f"{reason}, less than a decade: smaller h would decide"
+                more = _further(evidence, points)
+                spared = reason = f"{reason}, less than a decade: {more} h would decide"
+            reason = spared or reason
             return Judgement(UNDECIDED if spared else MISS, fit, window, joined(reason, left))
     seen, left = _above(evidence, _CLEAR)
     return _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), left))
@@ -253,9 +274,7 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
         f"does not fall with h: {value:.2g} at h = {h:g}, of which rounding changes "
         f"{evidence.uncertainty[last] * value:.2g}"
     )
-    if evidence.undamped:
-        cause = "the integrator does not damp multipliers that alternate, generalized-alpha does"
-        reason = joined(reason, cause)
+    reason = joined(reason, ALTERNATES if evidence.undamped else "", evidence.irregular)
     return _judged(evidence, NOT_CONVERGING, points, reason)
 
 
@@ -265,9 +284,8 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
     if evidence.kind == "truncation" and least > _SMALL:
         return f"errors of {least:.0%} are not small, which orders are about"
     if evidence.kind == "truncation" and fit.slope > evidence.expected:
-        return (
-            f"falls faster than order {format_order(evidence.expected)}, which shows at smaller h"
-        )
+        shows = "shows at smaller h" if fitted[-1] else "rounding hides"
+        return f"falls faster than order {format_order(evidence.expected)}, which {shows}"
     for other in evidence.coarse:
         # The rms of steps goes over from one order to the other slowly.
         between = evidence.kind == "rounding" and evidence.expected < fit.slope < other
@@ -282,7 +300,8 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
         factor = (evidence.largest[fitted] / evidence.typical[fitted]).max()
         first, last = evidence.h[fitted][[0, -1]]
         if abs(fit.slope - evidence.expected) < log10(factor) / log10(first / last):
-            return f"varies by a factor of {factor:.2g} along a run: smaller h would decide"
+            more = _further(evidence, fitted)
+            return f"varies by a factor of {factor:.2g} along a run: {more} h would decide"
     few = evidence.kind == "rounding" and bool((evidence.uncertainty[fitted] > _FEW).any())
     if (evidence.bound or few) and len(evidence.typical):
         typical = power_law(evidence.h, evidence.typical)
@@ -294,23 +313,58 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
     return ""
 
 
+def _further(evidence: Evidence, points: Mask) -> str:
+    """Which step sizes there may be besides: smaller ones are no use where rounding rules."""
+    return "smaller" if points[-1] else "larger"
+
+
+def _of_start(evidence: Evidence, points: Mask) -> str:
+    """Why multipliers tell of the start at some of the points; empty where they do not.
+
+    What index 3 leaves in them there decays as N² ρᴺ: each step passes it on through u, v and a.
+    """
+    with np.errstate(under="ignore"):
+        left = evidence.steps**2 * evidence.fading**evidence.steps
+    ruled = np.flatnonzero(points & (left > evidence.values))
+    if not len(ruled):
+        return ""
+    h, steps = evidence.h[ruled[0]], evidence.steps[ruled[0]]
+    return (
+        f"λ still alternates from the start at h = {h:g}: ρ∞ = {evidence.fading:.2g} leaves "
+        f"N² ρ∞^N = {left[ruled[0]]:.2g} after N = {steps:g} steps; "
+        "ρ∞ = 0.5, a longer t_end or index 2 would decide"
+    )
+
+
 def _wanted(evidence: Evidence, points: Mask) -> str:
     """What would decide a slope whose interval straddles the tolerance."""
     fit, h = _fit(evidence, points), evidence.h[points]
-    more = "larger" if len(h) < len(evidence.h) else "smaller"
+    more = _further(evidence, points)
     if not evidence.values.any():
         return ""
     if not len(h) and evidence.kind == "determined":
         return "nothing but rounding: the problem may lack it"
-    if len(h) < LEAST:
-        sizes = f"{len(h)} usable step size{'s' * (len(h) != 1)}"
-        return f"{sizes}, an order takes {LEAST}: {more} h would decide"
-    slope = f"slope {_sloped(fit)}"
-    if fit.straight:
-        decades = float(log10(h[0] / h[-1])) * fit.margin / evidence.tolerance
-        return f"{slope}: h over {math.ceil(decades)} decades or more would decide"
-    return f"{slope}: the order still changes with h, {more} h would decide"
+    few = len(h) < LEAST
+    sizes = f"{len(h)} usable step size{'s' * (len(h) != 1)}, an order takes {LEAST}"
+    found = sizes if few else f"slope {_sloped(fit)}"
+    if why := evidence.irregular or _of_start(evidence, points):
+        return joined(found, why)
+    if few:
+        return f"{found}: {more} h would decide"
+    if not fit.straight:
+        cure = "smaller h would decide" if points[-1] else "and rounding hides which it tends to"
+        return f"{found}: the order still changes with h, {cure}"
+    spanned = float(log10(h[0] / h[-1]))
+    decades = math.ceil(spanned * fit.margin / evidence.tolerance)
+    if more == "larger":
+        return f"{found}: larger h, over {decades} decades above h = {h[-1]:g}, would decide"
+    if decades <= spanned + _SAME:
+        return f"{found}: more step sizes would decide"
+    return f"{found}: h over {decades} decades or more would decide"
 
 
 def _sloped(fit: Fit) -> str:
-    return f"{format_order(round(fit.slope, 2))} ± {fit.margin:.2g}"
+    """A slope with its interval; ± stands for its standard error elsewhere."""
+    low, high = (f"{fit.slope + side * fit.margin:.2f}" for side in (-1, 1))
+    slope = format_order(round(fit.slope, 2))
+    return f"{slope} (interval {low} to {high})".replace("-", "−")

@@ -8,7 +8,14 @@ from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope, in_figure_order
 from newmark_cli.report.judging.text import format_orders, gathered
-from newmark_cli.report.judging.verdicts import FAILING, NOT_CONVERGING, PASS, SHOWN, UNDECIDED
+from newmark_cli.report.judging.verdicts import (
+    ALTERNATES,
+    FAILING,
+    NOT_CONVERGING,
+    PASS,
+    SHOWN,
+    UNDECIDED,
+)
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import TRAPEZOIDAL
 
@@ -108,9 +115,10 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
     """A line for each series that is not as predicted: its local orders, and why."""
     alike: dict[tuple[str, str, str], list[Slope]] = {}
     for slope in slopes:
-        # Or it is shown and has an order, but not down to the smallest step size.
+        # Or it is shown and has an order, but not down to the smallest step size, or is wrong.
         shown = slope.verdict == SHOWN and slope.reason and slope.fitted.any()
         loses = shown and slope.h[slope.fitted].min() > slope.h.min()
+        loses = loses or (slope.verdict == SHOWN and ALTERNATES in slope.reason)
         if slope.missed or (loses and not slope.accepted):
             orders = format_orders(slope)
             parts = (f"local orders {orders}" if orders else "", slope.reason)

@@ -16,6 +16,8 @@ from newmark_cli.support.errors import visible
 
 #: Annotations of each kind that GitHub shows of one step.
 _SHOWN_BY_GITHUB = 10
+#: What must be decided, or a check fails: nothing, what configs expect, everything.
+LENIENT, EXPECTATIONS, ALL = "", "expectations", "all"
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,14 @@ class Outcome:
     #: Where a config asserts it; empty and 0 where that is not known.
     file: str = ""
     line: int = 0
+    expected: bool = False  #: whether it is a claim or an expectation, not a prediction of theory
     erroneous: bool = False  #: whether there is no such series
     shown: bool = True  #: whether the tables of `check` show it
 
-    def fails(self, strict: bool) -> bool:
-        """Whether `check` fails with it."""
-        return self.verdict in (*FAILING, *((UNDECIDED,) if strict else ()))
+    def fails(self, strict: str) -> bool:
+        """Whether `check` fails with it: `ALL` and `EXPECTATIONS` say what must be decided."""
+        counts = strict == ALL or (strict == EXPECTATIONS and self.expected)
+        return self.verdict in FAILING or (counts and self.verdict == UNDECIDED)
 
     @property
     def description(self) -> str:
@@ -75,35 +79,36 @@ def of(
 def _of_expected(entry: Expected) -> Outcome:
     if entry.figure:
         name, measured = f"{entry.name}, {entry.text}", joined(entry.measured, entry.reason)
-        return Outcome(entry.study, name, entry.verdict, measured, entry.file, entry.line)
+        return Outcome(entry.study, name, entry.verdict, measured, entry.file, entry.line, True)
     name = entry.name if entry.missing else f"{entry.name}, {entry.label}, {entry.said}"
     measured = f"measured {entry.measured}" if entry.measured else ""
     return Outcome(
         entry.study, name, entry.verdict, joined(measured, entry.reason), entry.file, entry.line,
-        erroneous=entry.missing, shown=not entry.missing,
+        expected=True, erroneous=entry.missing, shown=not entry.missing,
     )  # fmt: skip
 
 
-def hold(outcomes: Sequence[Outcome], strict: bool = False) -> bool:
-    """Whether something was judged, and nothing fails; if strict, what is undecided does."""
+def hold(outcomes: Sequence[Outcome], strict: str = LENIENT) -> bool:
+    """Whether something was judged, and nothing fails."""
     return any(outcome.verdict == PASS for outcome in outcomes) and not any(
         outcome.fails(strict) for outcome in outcomes
     )
 
 
-def notes(outcomes: Sequence[Outcome], strict: bool) -> list[str]:
+def notes(outcomes: Sequence[Outcome], strict: str) -> list[str]:
     """What the tables of `check` do not say: a line for each that they lack, and a warning."""
     lines = [f"{o.study}: {o.name}: {o.text}" for o in outcomes if not o.shown]
-    if undecided := sum(outcome.verdict == UNDECIDED for outcome in outcomes):
-        lines.append(f"{'' if strict else 'warning: '}not judged: {undecided} {UNDECIDED}")
+    if undecided := [outcome for outcome in outcomes if outcome.verdict == UNDECIDED]:
+        warning = "" if any(outcome.fails(strict) for outcome in undecided) else "warning: "
+        lines.append(f"{warning}not judged: {len(undecided)} {UNDECIDED}")
     return lines
 
 
 # -- continuous integration ---------------------------------------------------------------------
 
 
-def junit(outcomes: Iterable[Outcome], strict: bool) -> str:
-    """A report in JUnit's XML: a suite for each study.  If not strict, the undecided is skipped."""
+def junit(outcomes: Iterable[Outcome], strict: str) -> str:
+    """A report in JUnit's XML: a suite for each study.  What is undecided is skipped or fails."""
     of_study: dict[str, list[Outcome]] = {}
     for outcome in outcomes:
         of_study.setdefault(outcome.study, []).append(outcome)
@@ -119,7 +124,7 @@ def junit(outcomes: Iterable[Outcome], strict: bool) -> str:
     return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
-def _case(suite: ElementTree.Element, outcome: Outcome, strict: bool) -> None:
+def _case(suite: ElementTree.Element, outcome: Outcome, strict: str) -> None:
     place = {"file": visible(outcome.file), "line": str(outcome.line)} if outcome.line else {}
     names = {"classname": visible(outcome.study), "name": visible(outcome.name)}
     case = ElementTree.SubElement(suite, "testcase", {**names, **place})
@@ -138,10 +143,10 @@ def _count(element: ElementTree.Element) -> None:
         element.set(plural, str(len([*element.iter(kind)])))
 
 
-def annotations(outcomes: Iterable[Outcome], strict: bool, top: Path | None = None) -> list[str]:
+def annotations(outcomes: Iterable[Outcome], strict: str, top: Path | None = None) -> list[str]:
     """Workflow commands of GitHub, of each kind as many as it shows; files are named from `top`.
 
-    What fails are errors, and what is undecided warnings, unless strict.
+    What fails are errors, and what else is undecided warnings.
     """
     lines: dict[str, list[str]] = {"error": [], "warning": []}
     for outcome in outcomes:

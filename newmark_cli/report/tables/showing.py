@@ -129,7 +129,7 @@ def _table(slopes: Sequence[Slope]) -> str:
             for h, nth in sorted({at for entries in points for at in entries}, reverse=True)
         ),
         ("",),
-        ("slope", *(format_fit(slope.fit) for slope in slopes)),
+        ("slope ± stderr", *(format_fit(slope.fit) for slope in slopes)),
         ("fitted", *(_range(slope) for slope in slopes)),
         ("predicted", *(format_prediction(slope) or MISSING for slope in slopes)),
         ("verdict", *(format_verdict(slope) for slope in slopes)),
