@@ -64,6 +64,38 @@ def test_fits_are_those_of_check(ran, frame):
     assert [repr(float(s)) for s in found["slope"]] == [row["slope"] for row in expected]
 
 
+#: A parallelogram that passes a singular position, where all links lie in one line, at 0.714 s.
+PARALLELOGRAM = {
+    "points": {
+        "A": {"fixed": [0, 0]}, "B": {"fixed": [1, 0]},
+        "C": {"at": [0, 1], "velocity": [1, 0], "mass": 1},
+        "D": {"at": [1, 1], "velocity": [1, 0], "mass": 1},
+    },
+    "bars": {
+        "a": {"from": "A", "to": "C", "length": 1}, "b": {"from": "B", "to": "D", "length": 1},
+        "c": {"from": "C", "to": "D", "length": 1},
+    },
+    "gravity": [0, -9.81],
+}  # fmt: skip
+
+
+def test_frames_of_studies_keep_what_their_records_say(frame):
+    """Slopes of studies that stand in one frame are those of each, with every reason."""
+    passing = newmark.run(
+        {**STUDY, "study": "passing", "problem": PARALLELOGRAM, "form": "u-lambda",
+         "measure": ["correction", "error"], "h": [1e-2, 3e-3, 1e-3, 3e-4], "t_end": 1.5}
+    )  # fmt: skip
+    alone = newmark.slopes(passing)
+    named = alone[alone["reason"].str.contains("singular position near t = ")]
+    assert set(named["verdict"]) == {"undecided"}
+    assert not alone["reason"].str.contains("smaller h would decide").any()
+    for both in (pd.concat([passing, frame]), pd.concat([frame, passing])):
+        found = newmark.slopes(both)
+        pd.testing.assert_frame_equal(
+            found[found["study"] == "passing"].reset_index(drop=True), alone
+        )
+
+
 def test_part_of_a_frame(frame):
     """Rows that are left out are not missed, and several studies may stand in one frame."""
     part = frame[frame["form"] == "u-lambda"]

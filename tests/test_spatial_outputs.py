@@ -93,6 +93,10 @@ def test_reactions_that_are_not_unique(ran):
     for quantity, said in (("force", True), ("lambda", True), ("omega", False), ("u", False)):
         shown = ran("show", "mine", "--quantity", quantity, "--measure", "error").stdout
         assert (dropped in " ".join(shown.split())) == said
+    slopes = newmark.slopes(newmark.run(ran.folder / "mine.yaml", results=ran.folder / "results"))
+    said = slopes[slopes["reason"].str.contains(dropped, regex=False)]
+    assert set(said["quantity"]) >= {"force", "lambda"}
+    assert not {"omega", "u"} & set(said["quantity"])
     sheet = mechanism_sheet("Swing", swing, swing.u0)
     assert sheet.panels[0].x_label == dropped.removeprefix("not unique: ")
     assert newmark.march(swing, h=0.02, steps=1).not_unique == swing.outputs.not_unique

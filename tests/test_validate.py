@@ -234,6 +234,25 @@ def test_examples_of_integrators_are_right(method):
     assert keys.read("integrator", cell.integrator.label, keys.IntegratorConfig) == cell.integrator
 
 
+def test_a_solver_that_does_not_see_scalings_is_said_before_it_runs(cli):
+    """Where scalings are compared, and `auto` chose the solver."""
+    study = (
+        "study: mine\nproblem: {chain: {links: 30}}\nform: u-lambda\nsteps: 2\n"
+        "h: [1e-2, 5e-3]\nmeasure: condition\n"
+    )
+    scaled, chosen = "preconditioning: [none, optimal]\n", "linear_solver: dense-lu\n"
+    for rest, said in (
+        (scaled, True),
+        ("preconditioning: none\n", False),
+        (scaled + chosen, False),
+    ):
+        cli.write("mine.yaml", study + rest)
+        for command in ("validate", "run"):
+            told = cli(command, "mine.yaml").stderr
+            assert ("auto takes static-lu for chain(links=30), u-lambda" in told) == said
+            assert told.count("\n") == said
+
+
 def test_what_no_check_can_judge_is_said_before_it_runs(cli):
     """In one line of `validate` and `run`, with the way out; neither fails by it."""
     study = "study: mine\nproblem: pendulum\nform: u-lambda\npreconditioning: none\n"
