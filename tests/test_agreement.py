@@ -388,7 +388,8 @@ def swing(factor=1.0, after=-1.0):
 def test_a_cell_that_contradicts_itself_fails_alone(cli):
     """`validate` finds what shows next to the start; else the run names line, entry and time."""
     cli.write("mine.py", FILE)
-    study = "study: mine\nform: u-lambda\npreconditioning: none\nh: 0.1\nt_end: 0.8\nproblem:\n"
+    study = "study: mine\nform: u-lambda\npreconditioning: none\nh: 0.1\nt_end: 0.8\n"
+    study += "expect: [{measure: correction, at_least: 1.0e-99}]\nproblem:\n"
     problem = '- {{python: "mine.py:swing", args: {{factor: {}, after: {}}}}}\n'
     cli.write("early.yaml", study + problem.format(1.01, -1.0))
     said = cli.refused("validate", "early.yaml", "--allow-code")

@@ -81,8 +81,8 @@ def test_cells_of_many_cases_are_compared(tmp_path):
         sizes = (
             ", ".join(repr(0.1 + (40 * i + j) * 1e-6) for j in range(40)) for i in range(cases)
         )
-        head = SMALL.replace("h: 0.1\n", "").replace("steps: 1", "steps: 1\ncases:")
-        return head + "".join(f"  - {{h: [{each}]}}\n" for each in sizes)
+        head = SMALL.replace("h: 0.1\n", "")
+        return head + "cases:\n" + "".join(f"  - {{h: [{each}]}}\n" for each in sizes)
 
     (tmp_path / "grid.yaml").write_text(text(250))
     study = config.load(tmp_path / "grid.yaml")

@@ -22,6 +22,7 @@ cases:
     h: 0.05
   - problem: [{python: "own/good.py:swing"}, pendulum]
     h: 0.1
+expect: [{measure: correction, at_least: 1.0e-99}]
 """
 
 

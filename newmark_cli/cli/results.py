@@ -480,7 +480,7 @@ def show_claims(
     slope_rows, claims = checking.slope_lines(chosen), expectations.claim_lines(expected)
     tables = [t for t in (slope_rows, claims, expectations.lines(expected)) if len(t) > 1]
     if tables:
-        screen.line("Fitted ± standard error, predicted ± tolerance:\n")
+        screen.lines("Fitted ± standard error, predicted ± tolerance:\n\n")
     for table in tables:
         screen.lines(text_table(table) + "\n")
     for remarks in (checking.remarks(slopes), expectations.remarks(expected), changed):
