@@ -8,6 +8,7 @@ from marching import start
 from mechanisms import TWO_BODIES, built
 from test_reference import pendulum
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
 from newmark_cli.newmark.march_data import State
@@ -240,3 +241,17 @@ def test_energy_of_a_python_problem():
     gained = 0.5 * (2 * v[0] ** 2 + 3 * v[1] ** 2)
     assert found.errors == pytest.approx([gained - 3.2])
     assert found.sizes == pytest.approx([gained + 3.2])
+
+
+def test_a_march_that_makes_kinetic_energy_is_called_unstable():
+    """A heavy top spins up although each step converges; motions that turn and stop do not."""
+    for integrator in ("trapezoidal", "generalized-alpha rho=0.9"):
+        with pytest.warns(newmark.NewmarkWarning, match="the march is unstable") as caught:
+            done = newmark.march("heavy-top", h=1e-3, t_end=0.2, integrator=integrator)
+        assert done.status == "ok"
+        assert done.energy[-1] > 5 * done.energy[0] > 0
+        said = float(str(caught[0].message).partition(" times")[0].rpartition(" ")[2])
+        assert said > 5
+    # A whole period: there is hardly any energy of motion at its start and its end.
+    newmark.march("pendulum", h=1e-2, t_end=2.0)
+    newmark.march("heavy-top", h=1e-4, t_end=0.02, integrator="generalized-alpha rho=0.9")

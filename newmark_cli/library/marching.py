@@ -66,6 +66,9 @@ _COMPENSATED = 1e-3
 _OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
 #: Part of accelerations at the start that rounding may change unmentioned.
 _NOISY = 1e-2
+#: Fewest states of a trajectory that tell of its energy, how many are looked at, and how many
+#: times the energy that there is one of an unstable march has.
+_FEWEST, _LOOKS, _UNSTABLE = 20, 200, 2.0
 #: In place of zero.
 _TINY = np.finfo(float).tiny
 
@@ -761,7 +764,37 @@ def _recorded(recorder: Recorder, last: int, looks: Sequence[int], end: bool = T
                 break
     if end:
         recorder.keep_here()
-    return recorder.trajectory()
+    trajectory = recorder.trajectory()
+    _warn_of_energy(trajectory)
+    return trajectory
+
+
+def _warn_of_energy(trajectory: Trajectory) -> None:
+    """Warn of a motion whose kinetic energy cannot come from anywhere: the march is unstable.
+
+    At some states, as a motion has little of either where it turns.
+    """
+    problem, last = trajectory.problem, len(trajectory.t) - 1
+    if (
+        problem.potential is None
+        or last < _FEWEST
+        or trajectory.status not in ("ok", "not_converged")
+    ):
+        return
+    if not (trajectory.u.size and trajectory.v.size):
+        return  # not kept
+    places = np.unique(np.linspace(0, last, _LOOKS).round().astype(int))
+    energies = [
+        problem.energies(float(trajectory.t[k]), trajectory.u[k], trajectory.v[k]) for k in places
+    ]
+    kinetic, potential = np.array([each or (np.nan, np.nan) for each in energies]).T
+    there = kinetic[0] + np.abs(potential - potential[0]).max()
+    if kinetic[-1] > _UNSTABLE * there > 0:
+        warn(
+            f"{problem.name}: the kinetic energy at the end, {kinetic[-1]:.3g} J, is "
+            f"{kinetic[-1] / there:.3g} times what there was and what the potential can give: the "
+            f"march is unstable; take a smaller h, an index-2 formulation or a projection"
+        )
 
 
 def _called(stepping: Steps, callback: Callable[[Step], object] | None) -> Trajectory:
