@@ -4,7 +4,9 @@ A row is the state of one run at one time.  Columns are named as in `Trajectory.
 ``u[A.x]``, ``v[A.x]``, ``lambda[bars.rod]``, ``output[O.force.x]``; a mapping names others.
 """
 
+import errno
 import math
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -209,7 +211,8 @@ def _file(path: Path) -> "pd.DataFrame":
             path.absolute(), dtype=str, keep_default_na=False, skipinitialspace=True
         )
     except OSError as error:
-        raise ArgumentError(f"{path}: cannot be read: {error.strerror or error}") from None
+        missing = os.strerror(errno.ENOENT) if isinstance(error, FileNotFoundError) else str(error)
+        raise ArgumentError(f"{path}: cannot be read: {error.strerror or missing}") from None
     except (ValueError, pd.errors.ParserError) as error:  # of either library
         raise ArgumentError(f"{path}: not a table: {str(error).splitlines()[0]}") from None
     frame.columns = frame.columns.str.strip()
