@@ -50,7 +50,7 @@ def test_a_mechanism_of_ones_own(cli, hoist):
         assert row["slope"] == pytest.approx(slope, abs=0.15)
     assert by_series["u-lambda", "none", "jacobian", "condition"]["expected"] == -4
     cli("draw", "hoist.yaml", "--at", "0.1")
-    assert (cli.folder / "results/figures/hoist.png").stat().st_size > 5000
+    assert (cli.folder / "results/figures/hoist-at-0.1.png").stat().st_size > 5000
 
 
 CODE = '{python: "car_axis.py:car_axis", args: {compiled: COMPILED}}'
