@@ -48,15 +48,7 @@ from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.figure_keys import Figures
 from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
-from newmark_cli.study.measures import (
-    CONDITION,
-    CORRECTION,
-    DRIFT,
-    HISTORY,
-    MEASURES,
-    TRAJECTORY,
-    Measure,
-)
+from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
 from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents
 from newmark_cli.support.apart import ApartError
@@ -266,12 +258,6 @@ class _Rules(RuledModel):
         """Scalings in the order given."""
         return list(axes.values(self)["preconditioning"])
 
-    @property
-    def scales(self) -> bool:
-        """Whether it measures what a scaling does to the solver."""
-        measured = {CONDITION.name, CORRECTION.name} & set(self.measure)
-        return bool(measured) and any(variant.name != "none" for variant in self.variants())
-
     def unseen(self) -> str:
         """Where `auto` takes a solver that does not see a scaling; empty where it does not."""
         specs = [s for s in self.problem if AUTO in self.linear_solver and not is_code(s)]
@@ -426,7 +412,7 @@ class Study(StrictModel):
 
 
 def unjudged(study: Study) -> Iterator[str]:
-    """What `check` will not be able to judge of a study, in a line for each reason."""
+    """What `check` will not be able to judge or compare in a study: a line for each reason."""
     sizes: dict[tuple[str, str], set[float]] = {}
     at_other_times: dict[str, None] = {}
     for case in study.cases:
@@ -444,6 +430,9 @@ def unjudged(study: Study) -> Iterator[str]:
             f"{study.study}: steps: every h ends at another time, and so no order of "
             f"{', '.join(at_other_times)} can be judged; give t_end"
         )
+    scalings = {variant.name for case in study.cases for variant in case.variants()}
+    if len(scalings) > 1 and (text := next(filter(None, (c.unseen() for c in study.cases)), "")):
+        yield f"{study.study}: {text}"
 
 
 _STUDY_KEYS = ("study", "description", "figures", "tables", "expect", "cases")
@@ -504,10 +493,6 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     study._expected_at = (document.name, tuple(filter(None, lines)))
     for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
         _warn_of(spec)
-    scalings = {variant.name for case in study.cases for variant in case.variants()}
-    unseen = (case.unseen() for case in study.cases if len(scalings) > 1 or case.scales)
-    if text := next(filter(None, unseen), ""):
-        warn(f"{document.name}: {text}")
     return study
 
 
