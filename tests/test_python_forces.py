@@ -114,7 +114,7 @@ def test_studies_with_forces_in_python(folder):
     done = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
     assert done.endswith("0 of 8 cells to run\n")
     folder("draw", "swing.yaml", "--at", "0.02", "--h", "0.01", "--allow-code")
-    assert (folder.folder / "results/figures/swing.png").exists()
+    assert (folder.folder / "results/figures/swing-at-0.02.png").exists()
     folder.write("beside.py", "DENSITY = 0.4\n")
     changed = folder("run", "study.yaml", "--allow-code", "--dry-run").stdout
     assert changed.endswith("8 of 8 cells to run\n")

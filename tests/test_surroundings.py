@@ -53,7 +53,8 @@ def in_turn(folder, commands, **environment):
         [sys.executable, "-c", IN_TURN.format(commands)], cwd=folder, text=True,
         capture_output=True, env=os.environ | environment, timeout=120,
     )  # fmt: skip
-    assert (done.returncode, done.stderr) == (0, "")
+    told = [line for line in done.stderr.splitlines() if "does not see a scaling" not in line]
+    assert (done.returncode, told) == (0, [])
     return done.stdout
 
 

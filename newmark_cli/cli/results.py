@@ -478,11 +478,9 @@ def show_claims(
                 screen.lines(markdown_table(table) + "\n")
         return ""
     slope_rows, claims = checking.slope_lines(chosen), expectations.claim_lines(expected)
-    tables = [t for t in (slope_rows, claims, expectations.lines(expected)) if len(t) > 1]
-    if tables:
-        screen.lines("Fitted ± standard error, predicted ± tolerance:\n\n")
-    for table in tables:
-        screen.lines(text_table(table) + "\n")
+    for table in (slope_rows, claims, expectations.lines(expected)):
+        if len(table) > 1:
+            screen.lines(text_table(table) + "\n")
     for remarks in (checking.remarks(slopes), expectations.remarks(expected), changed):
         most = len(remarks) if show_all else REMARKS
         for line in remarks[:most]:
