@@ -192,10 +192,10 @@ def test_a_rescaled_acceleration_alone_may_resonate():
     how = (GeneralizedAlpha(0.9), Formulation(), Projection(), "newton")
     assert orders(*how, "rescale", sequence)[1] == -math.inf
     assert orders(*how, "rescale-velocity", sequence) == (2, 2)
-    grown, cured = (
-        errors(1e-3, sequence.label, integrator="generalized-alpha rho=0.9", auxiliary=rule)[1]
-        for rule in ("rescale", "rescale-velocity")
-    )
+    how = {"integrator": "generalized-alpha rho=0.9"}
+    with pytest.warns(newmark.NewmarkWarning, match="the march is unstable"):
+        grown = errors(1e-3, sequence.label, auxiliary="rescale", **how)[1]
+    cured = errors(1e-3, sequence.label, auxiliary="rescale-velocity", **how)[1]
     assert grown > 1e3 > 1e-2 > cured
 
 
