@@ -793,7 +793,7 @@ def _warn_of_energy(trajectory: Trajectory) -> None:
         warn(
             f"{problem.name}: the kinetic energy at the end, {kinetic[-1]:.3g} J, is "
             f"{kinetic[-1] / there:.3g} times what there was and what the potential can give: the "
-            "march is unstable; take index 2, GGL or a velocity projection, or damping at a smaller h"
+            "march is unstable; take index 2, GGL, a velocity projection, or damping at a smaller h"
         )
 
 
