@@ -783,11 +783,16 @@ def _warn_of_energy(trajectory: Trajectory) -> None:
         return
     if not (trajectory.u.size and trajectory.v.size):
         return  # not kept
-    places = np.unique(np.linspace(0, last, _LOOKS).round().astype(int))
-    energies = [
-        problem.energies(float(trajectory.t[k]), trajectory.u[k], trajectory.v[k]) for k in places
-    ]
-    kinetic, potential = np.array([each or (np.nan, np.nan) for each in energies]).T
+
+    def energies(k: int) -> tuple[float, float]:
+        at = float(trajectory.t[k]), trajectory.u[k], trajectory.v[k]
+        return problem.energies(*at) or (math.nan, math.nan)
+
+    (began, level), (ended, level_now) = energies(0), energies(last)
+    if not ended > _UNSTABLE * (began + abs(level_now - level)):
+        return  # as nearly always: no need to look at the way
+    places = np.unique(np.linspace(0, last, _LOOKS).round().astype(int)).tolist()
+    kinetic, potential = np.array([energies(k) for k in places]).T
     there = kinetic[0] + np.abs(potential - potential[0]).max()
     if kinetic[-1] > _UNSTABLE * there > 0:
         warn(
