@@ -40,6 +40,7 @@ USUAL = {"integrator": "generalized-alpha rho=0.9", "formulation": "index-3"}
 _TWINS, _MOST_STEPS, _UNKNOWNS = 3, 2_000_000, 5
 #: Rows of a run at which invariants are looked at, besides the first and last of it.
 _SAMPLES, _ENDS = 32, 3
+_EPS = float(np.finfo(float).eps)
 #: Largest power of 1/h with which rounding of a quantity grows; 0 of others.
 _GROWTH = {"lambda": 2.0, "multiplier": 2.0, "force": 2.0, "moment": 2.0,
            "v": 1.0, "velocity": 1.0, "omega": 1.0}  # fmt: skip
@@ -166,8 +167,7 @@ def _rows(
         if len(marches) > 1:
             of = {"lambda": "multipliers"}.get(of := OF_OUTPUTS.get(quantity, quantity), of)
             # What is printed of u and v is rounded itself, however well our own march meets it.
-            rounded = float(np.finfo(float).eps)
-            unsure = getattr(reference, f"{of}_error", 0.0) if measure == "error" else rounded
+            unsure = getattr(reference, f"{of}_error", 0.0) if measure == "error" else _EPS
             row = with_rounding(row, marches, unsure)
         rows[measure, quantity] = replace(row, quantity=quantity)
     return rows
@@ -241,7 +241,7 @@ def misfits_at(problem: Problem, run: Run, row: int, aside: int = 0) -> dict[str
         return {"position": missed["position"]}
     if problem.m and np.isfinite(multipliers).all():
         try:
-            there = [x + aside * np.finfo(float).eps * np.abs(x) for x in (u, v)]
+            there = [x + aside * _EPS * np.abs(x) for x in (u, v)]
             with np.errstate(all="ignore"):
                 _, implied = Index1(problem).accelerations(float(run.t[row]), *there)
             missed["multiplier"] = Misfit(multipliers - implied, np.abs(implied))

@@ -435,9 +435,6 @@ def unjudged(study: Study) -> Iterator[str]:
         yield f"{study.study}: {text}"
 
 
-_STUDY_KEYS = ("study", "description", "figures", "tables", "expect", "cases")
-
-
 def load(
     path: Path, name: str | None = None, allow_code: bool = False, timeout: float | None = None
 ) -> Study:
@@ -500,8 +497,8 @@ def _keys_at_the_top(
     document: Document, mistakes: documents.Mistakes
 ) -> tuple[dict[str, Any], dict[str, Any], int]:
     """Keys of the study, those of its cases, and how many unknown ones go unreported."""
-    data, allowed = document.data, (*_STUDY_KEYS, *Case.model_fields)
-    head = {key: data[key] for key in _STUDY_KEYS[:-1] if key in data}
+    data, allowed = document.data, (*_shipped.STUDY_KEYS, *Case.model_fields)
+    head = {key: data[key] for key in _shipped.STUDY_KEYS[:-1] if key in data}
     shared = {key: value for key, value in data.items() if key in Case.model_fields}
     unknown = [key for key in data if key not in allowed]
     for key in unknown[: documents.MOST_REPORTED]:

@@ -34,7 +34,7 @@ def configs() -> Mapping[str, Mapping[str, Any]]:
 
 
 #: Keys of a config that are not of its cases.
-_OF_STUDY = ("study", "description", "figures", "tables", "expect", "cases")
+STUDY_KEYS = ("study", "description", "figures", "tables", "expect", "cases")
 
 
 def is_shipped(study: str, own: Any) -> bool:
@@ -46,7 +46,7 @@ def is_shipped(study: str, own: Any) -> bool:
     theirs = configs().get(study)
     if theirs is None or not isinstance(own, Mapping) or "cases" not in own:
         return theirs is not None
-    shared = {key: value for key, value in theirs.items() if key not in _OF_STUDY}
+    shared = {key: value for key, value in theirs.items() if key not in STUDY_KEYS}
     cases = [{**shared, **case} for case in theirs.get("cases", [{}])]
     return _same(cases, own.get("cases"))
 
