@@ -1,6 +1,7 @@
 """Spatial mechanisms for tests, and what is known of them independently."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 #: A mechanism with every joint, every element, and both kinds of laws that are driven.
 EVERYTHING = """\
@@ -105,3 +106,44 @@ def outputs(problem, t, u, v, multipliers):
     found = dict(zip(problem.outputs.names, values, strict=True))
     vectors = {name[:-2] for name in found if name.endswith(".x")}
     return found | {name: np.array([found[f"{name}.{axis}"] for axis in "xyz"]) for name in vectors}
+
+
+#: Bennett's loop: four revolute joints with skew axes move where a/sin α = b/sin β.
+LENGTH, TWIST, OTHER_TWIST, START = 1.0, 0.5, 1.1, 0.7
+#: tan(θ/2) tan(φ/2) of angles of neighbouring joints (J. E. Baker, *Mech. Mach. Theory* 14, 1979).
+RATIO = np.sin((OTHER_TWIST + TWIST) / 2) / np.sin((OTHER_TWIST - TWIST) / 2)
+
+
+def bennett(redundant):
+    """A moving loop, its frames by the parameters of Denavit and Hartenberg."""
+    neighbour = 2 * np.arctan(RATIO / np.tan(START / 2))
+    longer = LENGTH * np.sin(OTHER_TWIST) / np.sin(TWIST)
+    frame, places, axes = np.eye(4), [], []
+    for k, angle in enumerate((START, neighbour, -START, -neighbour)):
+        places.append(frame[:3, 3].tolist())
+        axes.append(frame[:3, 2].tolist())
+        length, twist = ((LENGTH, TWIST), (longer, OTHER_TWIST))[k % 2]
+        turn, lean = np.eye(4), np.eye(4)
+        turn[:3, :3] = Rotation.from_euler("z", angle).as_matrix()
+        lean[:3, :3] = Rotation.from_euler("x", twist).as_matrix()
+        lean[0, 3] = length
+        frame = frame @ turn @ lean
+    np.testing.assert_allclose(frame, np.eye(4), atol=1e-14)
+    names = ["ground", "link1", "link2", "link3", "ground"]
+    middles = np.add(places[:3], places[1:]) / 2
+    return {
+        "dimensions": 3,
+        "bodies": {
+            name: {"position": middle.tolist(), "mass": 1.0, "inertia": [0.1, 0.2, 0.25]}
+            for name, middle in zip(names[1:], middles, strict=False)
+        },
+        "joints": {
+            f"J{k + 1}": {
+                "type": "revolute", "from": names[k], "to": names[k + 1],
+                "at": places[k], "axis": axes[k],
+            }
+            for k in range(4)
+        },
+        "rates": {"J1": 2.0},
+        "redundant": redundant,
+    }  # fmt: skip

@@ -109,9 +109,10 @@ def test_projected_velocities_fit(everything):
     np.testing.assert_allclose(gradient.T @ v + rate, 0, atol=1e-13)
     b, vb = complex(*u[:2]), complex(*v[:2])
     assert (vb / (1j * b)).real == pytest.approx(2 + 0.1 * 5, rel=1e-12)
-    # Given as zero: the correction is in the range of G.
+    # Given as zero: M times the change is in the range of G, so its kinetic energy is the least.
+    change = everything.M @ v
     np.testing.assert_allclose(
-        gradient @ np.linalg.lstsq(gradient, v, rcond=None)[0], v, atol=1e-12
+        gradient @ np.linalg.lstsq(gradient, change, rcond=None)[0], change, atol=1e-12
     )
 
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import spatial
+import yaml
 from each import each
 from mechanisms import built
-from spatial import outputs
+from spatial import bennett, outputs
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.joints import JOINTS
@@ -358,17 +359,18 @@ def test_torsion_spring_that_is_wound_too_far():
 
 
 def test_released_row_that_is_needed_later(cli):
-    """Without y of P1 Bricard's multipliers would grow: the cell ends and says why."""
-    text = newmark.problem("bricard").sources["bricard.yaml"].decode()
-    cli.write("mine.yaml", text.replace("{P5: [q]}", "{P1: [y]}"))
+    """A cell of which a released row opens ends and says why; one that drops others does not."""
+    for name, released in (("mine", {"J4": ["x", "y", "z"]}), ("other", "drop")):
+        cli.write(f"{name}.yaml", yaml.safe_dump(bennett(released)))
     cli.write(
         "study.yaml",
-        "study: mine\nproblem: [mine.yaml, bricard]\nform: u-lambda\npreconditioning: optimal\n"
-        "integrator: {method: generalized-alpha, rho: 0.9}\nh: 5e-3\nt_end: 1.6\n",
+        "study: mine\nproblem: [mine.yaml, other.yaml]\nform: u-lambda\nformulation: index-2\n"
+        "preconditioning: optimal\nintegrator: {method: generalized-alpha, rho: 0.9}\nh: 5e-3\n"
+        "t_end: 2\n",
     )
     done = cli("run", "study.yaml", code=1)
     assert done.stdout.startswith("mine: 1 redundant, 1 ok -> ")
-    assert "released rows (P1.y) are needed at t = 1.2" in done.stderr
+    assert "released rows (J4.x, J4.y, J4.z) are needed at t = 1.8" in done.stderr
 
 
 def test_both_rates_of_a_cylindrical_joint():

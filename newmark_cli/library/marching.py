@@ -31,11 +31,11 @@ from newmark_cli.newmark.formulation import (
     Projection,
     reported,
 )
+from newmark_cli.newmark.gaps import GapWatch
 from newmark_cli.newmark.integrator import AUXILIARY, RESCALE_VELOCITY
 from newmark_cli.newmark.kept import KEPT, first_outside
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
@@ -737,16 +737,16 @@ def _marched(
     march = begun.march
     if stepped and every == 0:
         raise ArgumentError("every must be at least 1 with steps=True, given 0")
-    needed = Needed(march.problem, last, march.done)
+    watch = GapWatch(march.problem, last, march.done)
     if last is None:
-        recorder = Recorder(march, keep, needed=needed)
+        recorder = Recorder(march, keep, watch=watch)
         recorder.keep_here()
         return Steps(recorder, count(march.done + every, every), _room(march, keep))
     looks = range(march.done + every, last, every) if every else range(0)
     kept = len(looks) + 2
     parts = -(-8 * kept * (3 * march.problem.n + march.problem.m + 2) // MOST_BYTES)
     _require_room(march, kept, keep, f"keep every k-th: every={max(every, 1) * (parts + 1)}")
-    recorder = Recorder(march, keep, kept, needed)
+    recorder = Recorder(march, keep, kept, watch)
     if every:
         recorder.keep_here()
     if stepped or callback is not None:
@@ -832,8 +832,8 @@ def _marched_at(
         raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
     nearest = march.grid.nearest(times, march.done, last)
     _require_room(march, len(nearest), keep, "give fewer times")
-    needed = Needed(march.problem, last, march.done)
-    recorder = Recorder(march, keep, len(nearest), needed)
+    watch = GapWatch(march.problem, last, march.done)
+    recorder = Recorder(march, keep, len(nearest), watch)
     looks = nearest.tolist()
     if looks and looks[0] == march.done:
         recorder.keep_here()

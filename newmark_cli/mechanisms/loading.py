@@ -121,6 +121,8 @@ def _check_rest(kind: "type[Builder]", name: str, document: Document, error: Doc
         for key, value in document.data.items()
         if key not in others
     }
+    if "bodies" in sound and not sound["bodies"]:
+        return  # there are some, all of them with mistakes
     if "assemble" in others:
         sound["assemble"] = True  # nobody knows whether positions are meant to fit
     from newmark_cli.mechanisms.builder import ALIASES

@@ -504,5 +504,6 @@ class Mechanism(MechanismModel):
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(
-        False, description="replace initial velocities by the nearest that fit the constraints"
+        False,
+        description="replace initial velocities by the nearest, in the norm of M, that fit",
     )

@@ -30,8 +30,8 @@ from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import StrictModel, Truth, misfit
 
-#: Largest cosine of directions that are to be perpendicular.
-_SKEW = 1e-9
+#: Largest cosine of directions that are to be perpendicular: those of few digits are made so.
+_SKEW = 1e-3
 #: How far the largest moment of inertia may be beyond the sum of the others.
 _IMPOSSIBLE = 1e-12
 
@@ -397,7 +397,8 @@ class SpatialMechanism(MechanismModel):
     gravity: Vector = Field(_ORIGIN, description="acceleration of gravity (m/s²)")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(
-        False, description="replace initial velocities by the nearest that fit the constraints"
+        False,
+        description="replace initial velocities by the nearest, in the norm of M, that fit",
     )
     rates: dict[str, OneOrBoth] = Field(
         {}, description="relative rates of joints (rad/s, m/s), met while velocities are projected"

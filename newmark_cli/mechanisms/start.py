@@ -1,7 +1,7 @@
 """Consistent starts: positions on the constraints, no redundant row, velocities that fit."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -36,6 +36,18 @@ _MOST_PARTS = 4
 _INVOLVED = 1e-6
 #: Part of the largest share in what is redundant that a row must have to be dropped.
 _SHARE = 0.5
+#: Part of what makes a choice good at the start that it must keep along the motion, what is left
+#: of a number that counts as equal, and most work of looking for another choice.
+_LASTING, _TIE, _MOST_WORK = 0.2, 0.999, 1e8
+#: States of the motion that are looked at ahead, fewest of a large mechanism, coordinates from
+#: which on it is one, what a step between two states is of a turn (rad) or the mechanism's size,
+#: its corrections, and how many directions are taken where there are several degrees of freedom.
+_STATES, _FEWEST, _SMALL, _STEP, _CORRECTED, _WALKS = 80, 8, 60, 0.15, 4, 4
+#: What rows that a file releases by name may lack to be redundant.
+_NEARLY = 1e-4
+#: Largest singular value, relative to the largest of G, that rounding of data can make of 0; the
+#: largest of it some way from the start; how far that is; and how far others are above it.
+_ALMOST, _ALMOST_ASIDE, _AWAY, _APART = 1e-6, 1e-3, 1e-2, 100.0
 #: Least pivot, relative to the largest, with which accelerations are determined.
 _NO_INERTIA = 1e-13
 #: What a sparse solution may miss, relative to what was asked for.
@@ -70,15 +82,17 @@ def consistent(builder: Builder) -> Start:
     problem, mechanism, document = builder.problem(), builder.mechanism, builder.document
     if problem.m == 0:
         raise document.error((), "has no constraints: the problem is not of index 3")
+    named = _released_by_name(builder)
     if mechanism.assemble:
-        problem = replace(problem, u0=_assembled(builder, problem))
+        problem = replace(problem, u0=_assembled(builder, builder.problem(named), named))
     mistakes = documents.Mistakes()
     every = gradient_of(problem, problem.u0)
     with mistakes.gathered():
         tolerance = RANK_TOLERANCE_FOUND if mechanism.assemble else RANK_TOLERANCE
-        released, shared, freedom = _independent(builder, problem, every, tolerance)
+        released, shared, freedom = _independent(builder, problem, every, tolerance, named)
         if released:
-            problem = replace(builder.problem(released), u0=problem.u0)
+            gaps = redundancy.Gaps.of(problem, released, _scale(problem.u0))
+            problem = replace(builder.problem(released), u0=problem.u0, gaps=gaps)
         problem = replace(problem, v0=_velocities(builder, problem, released, every))
     with mistakes.gathered():
         if problem.n <= DENSE_UP_TO:
@@ -92,15 +106,15 @@ def consistent(builder: Builder) -> Start:
 # -- positions --------------------------------------------------------------------------------
 
 
-def _assembled(builder: Builder, problem: Problem) -> Array:
-    """Positions on the constraints near a guess."""
+def _assembled(builder: Builder, problem: Problem, named: Sequence[int]) -> Array:
+    """Positions on the constraints near a guess; the problem lacks rows that the file names."""
     u = _on_constraints(problem, problem.u0)
-    missed = _missed_by_part(builder, problem, u)
+    missed = _missed_by_part(builder, problem, u, named)
     if not missed:
         return u
     hint, unit = "", " m"
     if len(problem.axes) == 3:  # where what one joint misses is soon spread over all bodies
-        guessed, unit = _missed_by_part(builder, problem, problem.u0), ""
+        guessed, unit = _missed_by_part(builder, problem, problem.u0, named), ""
         hint = "".join(f" {part} is open by {by:.3g} there;" for part, by in [*guessed.items()][:1])
     named = ", ".join(f"{part} by {by:.3g}{unit}" for part, by in [*missed.items()][:_MOST_PARTS])
     raise builder.document.error(
@@ -111,9 +125,12 @@ def _assembled(builder: Builder, problem: Problem) -> Array:
     )
 
 
-def _missed_by_part(builder: Builder, problem: Problem, u: Array) -> dict[str, float]:
+def _missed_by_part(
+    builder: Builder, problem: Problem, u: Array, named: Sequence[int]
+) -> dict[str, float]:
     """Part → largest misfit among its constraints, in descending order."""
-    missed = problem.constraint_values(problem.t0, u)
+    missed = np.zeros(len(builder.rows))
+    missed[_without(len(missed), named)] = problem.constraint_values(problem.t0, u)
     for k, square in builder.squares.items():  # by how much the length is missed
         missed[k] = np.sqrt(max(0.0, square + 2 * missed[k])) - np.sqrt(square)
     largest: dict[tuple[bool, str], float] = {}
@@ -219,12 +236,15 @@ def _closest(problem: Problem, u: Array) -> Array:
 
 
 def _independent(
-    builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array, tolerance: float
-) -> tuple[list[int], frozenset[str], int]:
-    """Rows to drop, parts that share in the redundancy, and degrees of freedom."""
+    builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array, tolerance: float,
+    named: Sequence[int] = (),
+) -> tuple[list[int], frozenset[str], int]:  # fmt: skip
+    """Rows to drop, parts that share in the redundancy, and degrees of freedom.
+
+    Rows that the file names are released before anything is asked of the rest.
+    """
     document, rows = builder.document, builder.rows
     redundant = getattr(builder.mechanism, "redundant", "refuse")
-    named = _released_by_name(builder, redundant)
     sizes = column_norms(gradient)
     useless = [rows[k] for k in np.flatnonzero(sizes == 0)]
     message = "does not constrain the initial position"
@@ -232,64 +252,122 @@ def _independent(
         (row.path, f"row {row.name} {message}" if row.name else message) for row in useless
     )
     scaled = scipy.sparse.csc_array(gradient / sizes[None, :])
-    null = _null_space(scaled, tolerance)
+    null = _null_space(scaled, RANK_TOLERANCE if named else tolerance)
     rank = problem.m - null.shape[1]
-    if rank == problem.n:
-        _require_freedom(builder, scaled, tolerance)
-    if null.shape[1] == 0:
-        if named:
-            message = f"nothing is redundant, {_listed(rows, named)} cannot be released"
-            raise document.error(("redundant",), message)
-        return [], frozenset(), problem.n - rank
-    involved = _involved(null)
+    found, kept = null, _without(problem.m, named)
+    if named:
+        found = _released_null(builder, scaled, kept, named, tolerance)
+    _require_distinct(builder, problem, scaled, kept, tolerance)
+    if problem.m - found.shape[1] == problem.n:
+        _require_freedom(builder, problem, scaled, kept, tolerance)
+    if found.shape[1] == 0:
+        return [], frozenset(), problem.n - problem.m
+    involved = _involved(found)
     last, names = rows[involved[-1]].path, _by_part(rows, involved)
-    if _singular_here(problem, scaled, tolerance, rank):
+    if null.shape[1] and not named and _singular_here(problem, scaled, tolerance, rank):
         raise document.error(
             last,
             "the start is a singular position, such as a dead centre: only here do these "
             f"constraints depend on each other: {names}; start from another position",
         )
-    chosen = _dropped(rows, null)
-    if redundant == "refuse" or chosen is None:
+    dropped: Sequence[int] | None = named
+    if not named and (dropped := _dropped(rows, found)):
+        dropped = _exchanged(rows, dropped, _along(builder, found, problem.u0, tolerance))
+    if redundant == "refuse" or dropped is None:
         message = f"redundant: these constraints depend on each other: {names}"
-        if chosen is not None:
-            message += f"; 'redundant: drop' releases {_listed(rows, chosen)}"
+        if dropped is not None:
+            message += f"; 'redundant: drop' releases {_listed(rows, dropped)}"
         elif redundant != "refuse":
             message += "; no rows of joints can be dropped"
         raise document.error(last, message)
-    dropped = chosen if redundant == "drop" else named
-    _require_rest(builder, scaled, dropped, rank, tolerance)
     missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
     for k in dropped:
-        if missed[k] > MISSED * max(1.0, _size(problem.u0)):
+        if missed[k] > (_NEARLY if named else MISSED) * max(1.0, _size(problem.u0)):
             message = f"cannot be closed: its row {rows[k].name} is missed by {missed[k]:.3g}"
             raise document.error(rows[k].path, message)
     shared = frozenset(rows[k].owner for k in involved if rows[k].name and rows[k].owner)
-    return list(dropped), shared, problem.n - rank
+    return list(dropped), shared, problem.n - problem.m + found.shape[1]
 
 
-def _require_rest(
-    builder: Builder, scaled: scipy.sparse.csc_array, dropped: Sequence[int], rank: int,
+def _without(count: int, numbers: Sequence[int]) -> list[int]:
+    return [int(k) for k in np.setdiff1d(np.arange(count), numbers)]
+
+
+def _released_null(
+    builder: Builder, scaled: scipy.sparse.csc_array, kept: Sequence[int], named: Sequence[int],
     tolerance: float,
-) -> None:  # fmt: skip
-    """Require that the rows left are independent, and as many as the rank of G."""
-    rows = builder.rows
-    kept = np.setdiff1d(np.arange(scaled.shape[1]), dropped).tolist()
-    left = _null_space(scipy.sparse.csc_array(scaled[:, kept]), tolerance)
+) -> Array:  # fmt: skip
+    """(m, k) orthonormal: how rows that the file names depend on the rest, nearly at least.
+
+    Raises:
+        DocumentError: When the rest depends on itself, or they do not depend on it.
+    """
+    rows, rest = builder.rows, scipy.sparse.csc_array(scaled[:, kept])
+    left = _null_space(rest, tolerance)
     if left.shape[1]:
         still = _by_part(rows, [kept[k] for k in _involved(left)])
         message = f"these constraints still depend on each other: {still}"
         raise builder.document.error(("redundant",), message)
-    if len(kept) < rank:
-        raise builder.document.error(
-            ("redundant",),
-            f"only {scaled.shape[1] - rank} of {_listed(rows, dropped)} can be released: the rest "
-            "is not redundant",
-        )
+    null, away = redundancy.dependence(rest, scaled[:, named].toarray())
+    needed = int(np.count_nonzero(np.linalg.svd(away, compute_uv=False) > _NEARLY))
+    if needed:
+        listed = _listed(rows, named)
+        message = f"nothing is redundant, {listed} cannot be released"
+        if needed < len(named):
+            message = f"only {len(named) - needed} of {listed} can be released: the rest is "
+            message += "not redundant"
+        raise builder.document.error(("redundant",), message)
+    every = np.empty((scaled.shape[1], len(named)))
+    every[kept], every[list(named)] = -null, np.eye(len(named))
+    return np.asarray(np.linalg.qr(every)[0])
 
 
-def _released_by_name(builder: Builder, redundant: Any) -> list[int]:
+def _require_distinct(
+    builder: Builder, problem: Problem, scaled: scipy.sparse.csc_array, kept: Sequence[int],
+    tolerance: float, most: float = _ALMOST,
+) -> None:  # fmt: skip
+    """Refuse rows that are redundant but for the last digits of their data.
+
+    Next to a dead centre singular values are as small, but not aside of it.
+    """
+    rows = builder.rows
+    passive = _passive(builder, kept)
+    if problem.n > DENSE_UP_TO or not passive:
+        return
+    dense = np.asarray(scaled[:, passive].toarray(), float)
+    values = np.linalg.svd(dense, compute_uv=False)
+    values = values[values > tolerance * values[0]]
+    large = values[values > most * values[0]]
+    free = problem.n - len(large)
+    if len(large) == len(values) or not free or large[-1] < _APART * values[len(large)]:
+        return
+    vectors, _, turned = np.linalg.svd(dense)
+    direction = vectors[:, -free:] @ np.random.default_rng(0).normal(size=free)
+    direction *= _AWAY * _size(problem.u0) / np.abs(direction).max()
+    aside = gradient_of(problem, problem.u0 + direction).toarray()[:, passive]
+    aside = np.linalg.svd(aside / np.linalg.norm(aside, axis=0), compute_uv=False)
+    if not aside[min(len(large), len(aside) - 1)] < _ALMOST_ASIDE * aside[0]:
+        return
+    null = np.zeros((len(rows), len(passive) - len(large)))
+    null[passive] = turned[len(large) :].T
+    chosen, involved = _dropped(rows, null), _involved(null)
+    way_out = "correct what is a little off, or leave out what is redundant"
+    if chosen is not None:
+        of_joints: dict[str, list[str]] = {}
+        for k in chosen:
+            of_joints.setdefault(rows[k].owner, []).append(rows[k].name)
+        named = ", ".join(f"{joint}: [{', '.join(of)}]" for joint, of in of_joints.items())
+        way_out = f"correct what is a little off, or release rows: 'redundant: {{{named}}}'"
+    raise builder.document.error(
+        rows[involved[-1]].path,
+        f"these constraints nearly depend on each other: {_by_part(rows, involved)}; the least "
+        f"singular value of G is {values[-1]:.2g}; {way_out}",
+    )
+
+
+def _released_by_name(builder: Builder) -> list[int]:
     """Rows that the file releases by name."""
+    redundant = getattr(builder.mechanism, "redundant", "refuse")
     if isinstance(redundant, str):
         return []
     mistakes: list[tuple[KeyPath, str]] = []
@@ -350,6 +428,94 @@ def _dropped(rows: Sequence[Row], null: Array) -> list[int] | None:
     return sorted(chosen)
 
 
+def _exchanged(rows: Sequence[Row], chosen: Sequence[int], nulls: Sequence[Array]) -> list[int]:
+    """The same rows where they are redundant along the motion, too, or others that are.
+
+    Rows are redundant together as far as their part of a null space (m, k) is regular, by its least
+    singular value.  Where that falls below a part of the start's, one row after the other is
+    exchanged for the one that raises the least along the motion most.
+    """
+    null, best = np.array(nulls), list(chosen)
+    candidates = [k for k, row in enumerate(rows) if row.path[0] == "joints"]
+
+    def least(choices: Any) -> Array:
+        values = np.linalg.svd(null[:, np.array(choices)], compute_uv=False)
+        return np.asarray(values[..., -1].min(axis=0))
+
+    here = float(least([best])[0])
+    if here >= _LASTING * np.linalg.svd(null[0, best], compute_uv=False)[-1]:
+        return best
+    while True:
+        others = [
+            sorted({*best} - {out} | {into})
+            for out in best
+            for into in candidates
+            if into not in best
+        ]
+        if not others or len(null) * len(others) * len(best) ** 3 > _MOST_WORK:
+            return best
+        values = least(others)
+        if not values.max() > here / _TIE:
+            return best
+        here = float(values.max())
+        best = max(others[k] for k in np.flatnonzero(values >= _TIE * here))
+
+
+def _along(builder: Builder, null: Array, u: Array, tolerance: float) -> list[Array]:
+    """A null space (m, k) at the start, and those along the motion, at most `_STATES`.
+
+    The motion is that of all constraints without what drives them.  Where it has one degree of
+    freedom it is followed for a turn and more, otherwise in some random directions.
+    """
+    passive = _passive(builder, range(len(builder.rows)))
+    rows = [builder.rows[k] for k in passive]
+    problem = builder.problem(_without(len(builder.rows), passive))
+    nulls, random, scale = [null], np.random.default_rng(0), _scale(u)
+    scaled, found = _null_at(problem, u, tolerance)
+    if found.shape[1] != null.shape[1]:
+        return nulls  # what drives has a share in it
+    single = problem.n - problem.m + found.shape[1] == 1
+    states = max(_FEWEST, int(_STATES * min(1.0, (_SMALL / problem.n) ** 2)))
+    for _ in range(1 if single else _WALKS):
+        place, here, there = u, scaled, found
+        direction = random.normal(size=problem.n) * scale
+        for _ in range(states if single else states // _WALKS):
+            # Rows that are independent here are followed: off the motion all of them contradict
+            # each other.
+            if (chosen := _dropped(rows, there)) is None:
+                break
+            direction = redundancy.along_null(here, direction)
+            step = direction * (_STEP / max(float(np.abs(direction / scale).max()), 1e-300))
+            moved, kept = place + step, _without(problem.m, chosen)
+            for _ in range(_CORRECTED):
+                missed = problem.constraint_values(problem.t0, moved)[kept]
+                moved = moved - _change(gradient_of(problem, moved)[:, kept], missed)
+            if not np.abs((moved - place - step) / scale).max() < _STEP:
+                break  # the motion ends here
+            direction, place = moved - place, moved
+            here, there = _null_at(problem, place, _RANK_TOLERANCE_ASIDE)
+            if there.shape[1] == null.shape[1]:
+                every = np.zeros_like(null)
+                every[passive] = there
+                nulls.append(every)
+    return nulls
+
+
+def _null_at(problem: Problem, u: Array, tolerance: float) -> tuple[scipy.sparse.csc_array, Array]:
+    """G with columns of length 1, and its null space, at a position."""
+    gradient = gradient_of(problem, u)
+    scaled = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
+    return scaled, _null_space(scaled, tolerance)
+
+
+def _scale(u: Array) -> Array:
+    """(n,) what is large of a coordinate in space: the size of the mechanism, 1 of directors."""
+    scale = np.ones((len(u) // 12, 4, 3))
+    places = u.reshape(-1, 4, 3)[:, 0]
+    scale[:, 0] = float(np.ptp(places, axis=0).max()) or float(np.abs(places).max()) or 1.0
+    return scale.ravel()
+
+
 def _singular_here(
     problem: Problem, scaled: scipy.sparse.csc_array, tolerance: float, rank: int
 ) -> bool:
@@ -393,11 +559,19 @@ def _by_part(rows: Sequence[Row], numbers: Sequence[int]) -> str:
     return ", ".join(texts[:MOST_NAMED]) + (", …" if len(texts) > MOST_NAMED else "")
 
 
-def _require_freedom(builder: Builder, scaled: scipy.sparse.csc_array, tolerance: float) -> None:
+def _passive(builder: Builder, kept: Iterable[int]) -> list[int]:
+    return [k for k in kept if builder.rows[k].path[0] != "motions"]
+
+
+def _require_freedom(
+    builder: Builder, problem: Problem, scaled: scipy.sparse.csc_array, kept: Sequence[int],
+    tolerance: float,
+) -> None:  # fmt: skip
     """Where nothing is left free, motions have taken some of it."""
-    passive = [k for k, row in enumerate(builder.rows) if row.path[0] != "motions"]
+    passive = _passive(builder, kept)
     null = _null_space(scipy.sparse.csc_array(scaled[:, passive]), tolerance)
     if hasattr(builder.mechanism, "joints") and len(passive) - null.shape[1] == scaled.shape[0]:
+        _require_distinct(builder, problem, scaled, kept, tolerance, _NEARLY)
         raise builder.document.error(("joints",), "nothing can move: no freedom is left")
 
 
@@ -447,15 +621,15 @@ def _velocities(
     rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, v)
     spatial = mechanism.dimensions == 3
     if mechanism.project_velocities or (spatial and mechanism.rates):
-        gradient = gradient_of(problem, problem.u0)
-        projected = _in_norm_of_mass if spatial else _nearest
-        return projected(builder, problem, v, gradient, rate)
+        return _nearest(builder, problem, v, gradient_of(problem, problem.u0), rate)
     sizes, wanted = column_norms(every), np.zeros(len(rows))
     wanted[kept] = rate
     speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
     misfit = np.abs(every.T @ v + wanted)
     missed: dict[KeyPath, tuple[float, str]] = {}
-    for k in map(int, np.flatnonzero(misfit > VELOCITY_TOLERANCE * sizes * speed)):
+    tolerance = np.full(len(rows), VELOCITY_TOLERANCE)
+    tolerance[list(released)] = _NEARLY
+    for k in map(int, np.flatnonzero(misfit > tolerance * sizes * speed)):
         # Rows of joints are places and angles themselves, not halves of squares of lengths.
         size = float(misfit[k] if rows[k].path[0] == "joints" else misfit[k] / sizes[k])
         missed[rows[k].path] = max(missed.get(rows[k].path, (0.0, "")), (size, rows[k].name))
@@ -475,36 +649,6 @@ def _velocities(
 def _nearest(
     builder: Builder, problem: Problem, v: Array, gradient: scipy.sparse.csc_array, rate: Array
 ) -> Array:
-    """The velocities nearest to v that fit the constraints.
-
-    Next to a singular position the normal equations are singular long before G is, and
-    velocities that a motion asks for there are beyond all bounds.
-    """
-    sizes = column_norms(gradient)
-    left = np.abs(gradient.T @ v + rate) / sizes
-    with np.errstate(all="ignore"):
-        for _ in range(2):  # the first leaves what is rounding of a large change
-            try:
-                square = solver(gradient.T @ gradient)
-            except np.linalg.LinAlgError:  # exactly singular
-                break
-            v = v - np.asarray(gradient @ square(gradient.T @ v + rate))
-            left = np.abs(gradient.T @ v + rate) / sizes
-            speed = max(float(np.abs(v).max()), float(np.abs(rate / sizes).max()))
-            if np.all(left <= VELOCITY_TOLERANCE * speed):
-                return v
-    _independent(builder, problem, gradient, RANK_TOLERANCE_FOUND)
-    worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
-    raise builder.document.error(
-        builder.rows[worst].path,
-        "no velocities found that fit this constraint: the start is too close to a singular "
-        "position, such as a dead centre; start from another position",
-    )
-
-
-def _in_norm_of_mass(
-    builder: Builder, problem: Problem, v: Array, gradient: scipy.sparse.csc_array, rate: Array
-) -> Array:
     """The velocities nearest to v in the norm of M that fit constraints and rates."""
     n = problem.n
     rates = list(builder.rates(problem.u0))
@@ -514,10 +658,11 @@ def _in_norm_of_mass(
     sizes = column_norms(every)
     every, wanted = scipy.sparse.csc_array(every / sizes[None, :]), wanted / sizes
     solve = _solver_of_rates(_saddle(problem, every), n)
-    for _ in range(3):  # the first leaves what is rounding of a large change
-        v = v + solve(np.concatenate([np.zeros(n), wanted - every.T @ v]))[:n]
-    left = np.abs(wanted - every.T @ v)
-    speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
+    with np.errstate(all="ignore"):
+        for _ in range(3):  # the first leaves what is rounding of a large change
+            v = v + solve(np.concatenate([np.zeros(n), wanted - every.T @ v]))[:n]
+        left = np.abs(wanted - every.T @ v)
+        speed = max(float(np.abs(v).max()), float(np.abs(wanted).max()))
     for k, (path, _, value) in enumerate(rates, start=problem.m):
         if not left[k] <= VELOCITY_TOLERANCE * speed:
             reached = value - (wanted[k] - every[:, [k]].T @ v)[0] * sizes[k]
@@ -527,9 +672,14 @@ def _in_norm_of_mass(
                 f"{value:g} that fits",
             )
     if not np.all(left <= VELOCITY_TOLERANCE * speed):
-        worst = builder.rows[int(np.argmax(left[: problem.m]))].path
-        message = "no velocities found that fit this constraint and the rates"
-        raise builder.document.error(worst, message)
+        if not problem.released:
+            _independent(builder, problem, gradient, RANK_TOLERANCE_FOUND)
+        worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
+        raise builder.document.error(
+            builder.rows[worst].path,
+            "no velocities found that fit this constraint: the start is too close to a singular "
+            "position, such as a dead centre; start from another position",
+        )
     return v
 
 

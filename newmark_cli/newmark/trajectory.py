@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from newmark_cli.newmark.gaps import GapWatch
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
 from newmark_cli.newmark.march import March, Stretch
 from newmark_cli.newmark.march_data import COMPLETED, DIVERGED, ENDINGS, State
-from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.twins import spread
 from newmark_cli.problems.problem import Problem
@@ -39,7 +39,7 @@ _MESSAGES = {
     "diverged": "Newton's iteration left the range of floating point in the next step",
     "stagnated": "the Krylov solver did not reach its tolerance in the next step",
     "interrupted": "the march was interrupted by an exception",
-    REDUNDANT: "a row that was dropped as redundant is needed",
+    REDUNDANT: "a row that was released as redundant opens",
 }
 
 
@@ -154,7 +154,7 @@ class Trajectory:
         status: ``"ok"``; ``"not_converged"``, in some steps, see `not_converged`;
             ``"stopped"`` by the caller; ``"interrupted"`` by an exception; or why there
             is no next step: ``"singular"``, ``"diverged"``, ``"stagnated"``, ``"missed"``; or
-            ``"redundant"``, where a row that was dropped as redundant is needed.
+            ``"redundant"``, where a row that was released as redundant opens.
         steps: Steps taken by this march.
         not_converged: How many of them ended before Newton's iteration converged.
         newton_iterations: Corrections computed by all of them.
@@ -441,7 +441,7 @@ class Recorder:
         march: March,
         keep: Sequence[str] = KEPT,
         most: int | None = None,
-        needed: Needed | None = None,
+        watch: GapWatch | None = None,
     ) -> None:
         """Keep nothing yet of `KEPT`; where the march stands is the start of the record.
 
@@ -450,7 +450,7 @@ class Recorder:
         n, m = march.problem.n, march.problem.m
         self.march = march
         self.finite, self.reason = True, ""
-        self._needed = needed
+        self._watch = watch
         self._begin = march.earlier + march.done
         self._not_converged, self._corrections = 0, 0
         # Counted once they are written, in case of an interrupt.
@@ -463,7 +463,7 @@ class Recorder:
 
     def stops(self, halt: int) -> frozenset[int]:
         """Steps on the way to another at which it wants to see the march."""
-        return self._needed.until(self.march.done, halt) if self._needed else frozenset()
+        return self._watch.until(self.march.done, halt) if self._watch else frozenset()
 
     @property
     def over(self) -> bool:
@@ -513,9 +513,9 @@ class Recorder:
         self._kept, self._last, self.finite, self._good, self._not_converged, self._corrections = (
             kept, last, finite, here, not_converged, corrections
         )  # fmt: skip
-        if self._needed and finite and self.march.ending == COMPLETED:
-            self._needed.sees(self.march)
-            self.reason = self._needed.reason
+        if self._watch and finite and self.march.ending == COMPLETED:
+            self._watch.sees(self.march)
+            self.reason = self._watch.reason
 
     def _written(self, rows: Mapping[str, Any]) -> tuple[int, int]:
         """Write rows; returns the new number of rows and the last step that is kept."""

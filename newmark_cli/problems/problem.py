@@ -139,6 +139,8 @@ class Problem:
             None where ``derivatives`` serves.
         outputs: What else the problem has names for, such as reactions; None without any.
         released: Names of constraints that were dropped because they are redundant.
+        gaps: ``(t, u)`` → the largest gap of these, relative to the size of the mechanism, its
+            constraint, and the largest of the others; None where none was dropped.
         until: Time (s) up to which the problem is given: the end of its shortest table.
         doubts: Lines on sizes of a mechanism file that can hardly be meant.
         reached: ``(t, u, v)`` that raises `ContradictionError` where functions of the user's
@@ -179,6 +181,7 @@ class Problem:
     rates: Callable[..., None] | None = None
     outputs: Outputs | None = None
     released: tuple[str, ...] = ()
+    gaps: Callable[[float, Array], tuple[float, str, float]] | None = None
     starts: IndexArray | None = None
     until: float = math.inf
     doubts: tuple[str, ...] = ()

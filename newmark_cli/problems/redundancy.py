@@ -4,6 +4,9 @@ GᵀG + δ is factorised, δ far below the square of any singular value of G tha
 and far above its rounding.  Its inverse enlarges null vectors by 1/δ and all others by less.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -19,8 +22,6 @@ _TIMES = 3
 _SEED = 20061012
 #: Largest ‖G x‖ of a null vector: what is left of other vectors, if columns have length 1.
 _NULL = 1e-7
-#: Steps of inverse iteration for the least singular value, the first time and after that.
-_AT_FIRST, _AFTER = 12, 3
 
 
 def gradient_of(problem: Problem, u: Array) -> scipy.sparse.csc_array:
@@ -85,28 +86,41 @@ def least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
     return change
 
 
-class Least:
-    """The least singular value of one G after the other, by inverse iteration."""
+def dependence(kept: scipy.sparse.csc_array, others: Array) -> tuple[Array, Array]:
+    """How columns (n, k) depend on independent ones (n, m) of length 1, and what does not (n, k).
 
-    def __init__(self) -> None:
-        self._vector: Array | None = None
+    (m, k) coefficients of least squares.
+    """
+    solve, coefficients = _factors(kept, _DAMPING).solve, np.zeros((kept.shape[1], others.shape[1]))
+    for _ in range(2):
+        coefficients = coefficients + solve(kept.T @ (others - kept @ coefficients))
+    return coefficients, np.asarray(others - kept @ coefficients)
 
-    def of(self, gradient: scipy.sparse.csc_array) -> float:
-        """Of (n, m) G with columns of length 1; within some percent, from above."""
-        m = gradient.shape[1]
-        times = _AFTER
-        if self._vector is None:
-            self._vector, times = np.random.default_rng(_SEED).normal(size=m), _AT_FIRST
-        vector, grown = self._vector / np.linalg.norm(self._vector), np.inf
-        try:
-            factors = _factors(gradient, 0.0)
-        except RuntimeError:
-            return 0.0
-        for _ in range(times):
-            vector = factors.solve(vector)
-            grown = float(np.linalg.norm(vector))
-            if not 0 < grown < np.inf:
-                return 0.0
-            vector = vector / grown
-        self._vector = vector
-        return float(np.linalg.norm(gradient @ vector))
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """By how much constraints that were released as redundant are open.
+
+    Attributes:
+        whole: The problem with all constraints.
+        released: Numbers of those that were released.
+        lengths: (m,) by what values of constraints are divided, so that 1 is the size of the
+            mechanism, or one radian.
+    """
+
+    whole: Problem
+    released: Sequence[int]
+    lengths: Array
+
+    @classmethod
+    def of(cls, whole: Problem, released: Sequence[int], scale: Array) -> "Gaps":
+        """Relative to a (n,) scale of coordinates."""
+        gradient = scipy.sparse.csc_array(gradient_of(whole, whole.u0).multiply(scale[:, None]))
+        return cls(whole, released, column_norms(gradient))
+
+    def __call__(self, t: float, u: Array) -> tuple[float, str, float]:
+        """The largest gap, its constraint, and the largest of the constraints that were kept."""
+        away = np.abs(self.whole.constraint_values(t, u)) / self.lengths
+        kept = float(np.delete(away, self.released).max(initial=0.0))
+        worst = self.released[int(np.argmax(away[list(self.released)]))]
+        return float(away[worst]), self.whole.constraint_names[worst], kept

@@ -8,8 +8,8 @@ from itertools import chain
 import numpy as np
 
 from newmark_cli.newmark import march_data
+from newmark_cli.newmark.gaps import GapWatch
 from newmark_cli.newmark.march import March, is_ready
-from newmark_cli.newmark.needed import Needed
 from newmark_cli.newmark.operations import of_march
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
@@ -27,7 +27,7 @@ _MEASURED, _MOST_MARCHES = 0.2, 1_000
 REDUNDANT = "redundant"
 
 
-class _Watch(Needed, Observer):
+class _Watch(GapWatch, Observer):
     """Ends a cell once rows that were dropped as redundant are needed."""
 
 
