@@ -255,3 +255,20 @@ def test_a_march_that_makes_kinetic_energy_is_called_unstable():
     # A whole period: there is hardly any energy of motion at its start and its end.
     newmark.march("pendulum", h=1e-2, t_end=2.0)
     newmark.march("heavy-top", h=1e-4, t_end=0.02, integrator="generalized-alpha rho=0.9")
+
+
+def test_a_march_that_makes_energy_is_named_before_it_is_run_and_in_verdicts(tmp_path):
+    """At h at which a heavy top spins up: by `advise`, and by a study that measures invariants."""
+    said = newmark.advise("heavy-top", h=[1e-3, 1e-4], integrator="generalized-alpha rho=0.9")
+    unstable = [one for one in said.findings if "the march is unstable" in one]
+    assert [one.partition(",")[0] for one in unstable] == ["h = 0.001"]
+    study = {
+        "study": "top", "problem": "heavy-top", "form": "u-lambda", "preconditioning": "optimal",
+        "integrator": ["generalized-alpha rho=0.9"], "measure": ["invariant", "error"],
+        "h": [1e-3, 5e-4, 2.5e-4], "t_end": 0.2,
+    }  # fmt: skip
+    told = newmark.slopes(newmark.run(study, results=tmp_path)).set_index("quantity")
+    of_energy = told["reason"].str.contains("at h = 0.001 the energy, which is conserved, is off")
+    assert of_energy[told["verdict"] == "undecided"].all()
+    assert not of_energy[told["verdict"] == "pass"].any()
+    assert set(told[of_energy].index) >= {"u", "v", "lambda"}

@@ -1,6 +1,7 @@
 """Advice for somebody's own code: factors, tolerances that can be met, believable multipliers."""
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -12,6 +13,7 @@ from newmark_cli.advice.diagnosing import ALL, SPREAD, Tests, diagnosed, largest
 from newmark_cli.advice.linearised import Subject, require_fit, subject_of
 from newmark_cli.advice.text import plain, sections
 from newmark_cli.library import arguments
+from newmark_cli.library.marching import FEWEST, march, unstable
 from newmark_cli.library.scalings import (
     Factors,
     formulation_of,
@@ -46,6 +48,8 @@ _DAMPING = "generalized-alpha rho=0.9"
 _PROJECTED = "projection velocity, recovered λ"
 #: Most unknowns for which all forms are compared.
 _MOST_COMPARED = 150
+#: Times the motion that is looked at, and steps at most, that energy has to grow in.
+_LONGER, _MOST_STEPS = 10, 5_000
 #: Step sizes (s) at which the noise of λ is predicted; it follows powers of h between them.
 _GRID = np.array([1e-1, 1e-3, 1e-6, 1e-9])
 
@@ -284,6 +288,7 @@ def advise(
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
         *_when_h_changes(schemes),
+        *_unstable(about, schemes, steps),
         *([f"no floors and no tolerances: {why}"] if why else []),
         *(
             [
@@ -612,6 +617,24 @@ def _findings(
             f"C = {scaled.with_fields:.3g}; with one for each row and column "
             f"C = {scaled.with_all:.3g}"
         )
+
+
+def _unstable(about: Subject, schemes: _Schemes, step_sizes: Iterable[float]) -> Iterator[str]:
+    """At which step sizes a march of the scheme makes energy."""
+    length = about.states[-1].t0 - about.problem.t0
+    for h in step_sizes if about.problem.potential is not None else ():
+        steps = int(min(_LONGER * length / h, _MOST_STEPS))
+        if steps < FEWEST:
+            continue
+        marched = march(
+            about.problem, h=h, t_end=steps * h, steps=True, every=max(steps // (2 * FEWEST), 1),
+            keep=("u", "v"), form=schemes.form, integrator=schemes.integrator,
+            formulation=schemes.formulation, scaling=schemes.scaling,
+            evaluation=schemes.evaluation, precision=schemes.precision,
+        )  # fmt: skip
+        deque(marched, maxlen=0)
+        if told := unstable(marched.trajectory):
+            yield f"h = {h:g}, marched to t = {steps * h:.3g} s: {told}"
 
 
 def _when_h_changes(schemes: _Schemes) -> Iterable[str]:

@@ -33,6 +33,7 @@ from newmark_cli.newmark.formulation import (
 )
 from newmark_cli.newmark.gaps import GapWatch
 from newmark_cli.newmark.integrator import AUXILIARY, RESCALE_VELOCITY
+from newmark_cli.newmark.invariants import UNSTABLE
 from newmark_cli.newmark.kept import KEPT, first_outside
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.march import March
@@ -66,9 +67,8 @@ _COMPENSATED = 1e-3
 _OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
 #: Part of accelerations at the start that rounding may change unmentioned.
 _NOISY = 1e-2
-#: Fewest states of a trajectory that tell of its energy, how many are looked at, and how many
-#: times the energy that there is one of an unstable march has.
-_FEWEST, _LOOKS, _UNSTABLE = 20, 200, 2.0
+#: Fewest states of a trajectory that tell of its energy, and how many are looked at.
+FEWEST, _LOOKS = 20, 200
 #: In place of zero.
 _TINY = np.finfo(float).tiny
 
@@ -765,41 +765,43 @@ def _recorded(recorder: Recorder, last: int, looks: Sequence[int], end: bool = T
     if end:
         recorder.keep_here()
     trajectory = recorder.trajectory()
-    _warn_of_energy(trajectory)
+    if told := unstable(trajectory):
+        warn(told)
     return trajectory
 
 
-def _warn_of_energy(trajectory: Trajectory) -> None:
-    """Warn of a motion whose kinetic energy cannot come from anywhere: the march is unstable.
+def unstable(trajectory: Trajectory) -> str:
+    """What tells that a march is unstable: kinetic energy that comes from nowhere; mostly empty.
 
     At some states, as a motion has little of either where it turns.
     """
     problem, last = trajectory.problem, len(trajectory.t) - 1
     if (
         problem.potential is None
-        or last < _FEWEST
+        or last < FEWEST
         or trajectory.status not in ("ok", "not_converged")
     ):
-        return
+        return ""
     if not (trajectory.u.size and trajectory.v.size):
-        return  # not kept
+        return ""  # not kept
 
     def energies(k: int) -> tuple[float, float]:
         at = float(trajectory.t[k]), trajectory.u[k], trajectory.v[k]
         return problem.energies(*at) or (math.nan, math.nan)
 
     (began, level), (ended, level_now) = energies(0), energies(last)
-    if not ended > _UNSTABLE * (began + abs(level_now - level)):
-        return  # as nearly always: no need to look at the way
+    if not ended > UNSTABLE * (began + abs(level_now - level)):
+        return ""  # as nearly always: no need to look at the way
     places = np.unique(np.linspace(0, last, _LOOKS).round().astype(int)).tolist()
     kinetic, potential = np.array([energies(k) for k in places]).T
     there = kinetic[0] + np.abs(potential - potential[0]).max()
-    if kinetic[-1] > _UNSTABLE * there > 0:
-        warn(
-            f"{problem.name}: the kinetic energy at the end, {kinetic[-1]:.3g} J, is "
-            f"{kinetic[-1] / there:.3g} times what there was and what the potential can give: the "
-            "march is unstable; take index 2, GGL, a velocity projection, or damping at a smaller h"
-        )
+    if not kinetic[-1] > UNSTABLE * there > 0:
+        return ""
+    return (
+        f"{problem.name}: the kinetic energy at the end, {kinetic[-1]:.3g} J, is "
+        f"{kinetic[-1] / there:.3g} times what there was and what the potential can give: the "
+        "march is unstable; take index 2, GGL, a velocity projection, or damping at a smaller h"
+    )
 
 
 def _called(stepping: Steps, callback: Callable[[Step], object] | None) -> Trajectory:

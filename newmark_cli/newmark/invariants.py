@@ -13,6 +13,10 @@ from newmark_cli.support.arrays import Array
 
 #: Names of the invariants, in the order of the CSV's rows.
 INVARIANTS = ("position", "velocity", "multiplier", "energy")
+#: Times the energy that there is one of an unstable march has, and the misfit that follows from
+#: it, over its size.
+UNSTABLE = 2.0
+UNSTABLE_MISFIT = (UNSTABLE - 1) / (UNSTABLE + 1)
 
 
 class Misfit(NamedTuple):

@@ -177,6 +177,7 @@ class Motion:
 
     singular: tuple[float, ...] = ()
     still: bool = False
+    lost: str = ""  #: why marches of a series are not of this motion; empty where nothing tells
 
 
 @dataclass(frozen=True)

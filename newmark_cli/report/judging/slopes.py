@@ -17,6 +17,7 @@ import numpy as np
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
+from newmark_cli.newmark.invariants import UNSTABLE_MISFIT
 from newmark_cli.report.judging.fits import Fit, power_law
 from newmark_cli.report.judging.verdicts import (
     FAILING,
@@ -170,6 +171,7 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     """Slopes of one study's rows, in their order."""
     # A form, a variant or a quantity that lacks step sizes which others of the same
     # problem have was cut off; cases may differ in the rest on purpose.
+    marched = [axis.name for axis in axes.cell_axes() if axis.series]
     alike = [axis.name for axis in axes.cell_axes() if axis.series and not axis.inner]
     columns = {name: np.asarray(table[name], object).tolist() for name in (*SERIES, *_READ)}
     at_start = [steps == 0 for steps in columns["steps"]]
@@ -180,6 +182,7 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     places: dict[tuple[Any, ...], list[int]] = {}
     for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
         places.setdefault(values, []).append(place)
+    lost = _lost(columns, marched)
     recorded = facts(path)
     accepted = ("ok", *recorded.accepted)
     of_shipped = shipped.is_shipped(path.stem, recorded.config)
@@ -196,6 +199,8 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         role = str(row["role"])
         if key.measure:
             of_motion = recorded.motions.get(key.problem, Motion())
+            cell = tuple(row[name] for name in marched)
+            of_motion = replace(of_motion, lost=lost.get(cell, ""))
             points = len(sizes[cases[at[0]]])
             drawn = drawing.get(key, ())
             series = partial(_slope, key, role, rows, points, accepted, path, of_motion, drawn)
@@ -275,7 +280,7 @@ def _slope(
         accepted=ends_as_accepted and bool(np.isnan(expected)),
         in_paper=any(figure.in_paper for figure in figures),
     )  # fmt: skip
-    return _moved(slope if own is not None else _resolved(slope), of_motion.still)
+    return _moved(slope if own is not None else _resolved(slope), of_motion)
 
 
 def _resolved(slope: Slope) -> Slope:
@@ -303,13 +308,30 @@ def _irregular(motion: Motion) -> str:
     return f"the motion passes a singular position near t = {where}, where no order holds"
 
 
-def _moved(slope: Slope, still: bool) -> Slope:
-    """The verdict where nothing moves."""
+def _lost(
+    columns: Mapping[str, Sequence[Any]], marched: Sequence[str]
+) -> dict[tuple[Any, ...], str]:
+    """Axes of cells → at which h the energy, where it was measured, tells of another motion."""
+    names = ("measure", "quantity", "h", "max")
+    told: dict[tuple[Any, ...], tuple[float, float]] = {}
+    rows = zip(*(columns[name] for name in (*names, *marched)), strict=True)
+    for measure, quantity, h, misfit, *cell in rows:
+        if (measure, quantity) == ("invariant", "energy") and misfit > UNSTABLE_MISFIT:
+            told[tuple(cell)] = min(told.get(tuple(cell), (math.inf, 0.0)), (h, misfit))
+    return {
+        cell: f"at h = {h:g} the energy, which is conserved, is off by {misfit:.0%} of its size: "
+        "what is marched there is not the motion"
+        for cell, (h, misfit) in told.items()
+    }
+
+
+def _moved(slope: Slope, motion: Motion) -> Slope:
+    """The verdict where nothing moves, and the reason where something else does."""
     if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
         return slope
-    if still:
+    if motion.still:
         return replace(slope, verdict=UNDECIDED, reason="nothing moves: there is only rounding")
-    return slope
+    return replace(slope, reason=joined(slope.reason, "" if slope.verdict == PASS else motion.lost))
 
 
 #: Quantities of these measures depend on which redundant rows were dropped, where any were.
