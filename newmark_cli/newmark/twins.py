@@ -3,7 +3,8 @@
 A twin solves the same problem to far less than its rounding, and rounds everything
 differently.  What twins differ by is therefore rounding, with all that the motion, the
 integrator and the solver make of it: no constant has to be known.  Twins do not see what
-all of them share, such as data that were rounded once.
+all of them share, such as data that were rounded once.  In compensated evaluation that is also
+what the last places of u₀ miss Φ = 0 by: it is carried as 0, and so part of the mechanism.
 """
 
 from collections.abc import Iterator, Sequence
