@@ -19,6 +19,7 @@ from newmark_cli.library.marching import march
 from newmark_cli.newmark.formulation import RECOVERED
 from newmark_cli.newmark.invariants import Misfit, misfits
 from newmark_cli.newmark.statistics import Measurement, statistics
+from newmark_cli.newmark.twins import last_places_off
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.multipliers import relative
 from newmark_cli.problems.problem import Problem
@@ -180,8 +181,8 @@ def deviations(
 
     Args:
         run, motion, components: What is compared.
-        aside: By how many last places u and v are off from which λ is recovered, as those of a
-            twin, that recovers it itself, are.
+        aside: Which twin it is, whose invariants are looked at with other last places of u and
+            v, as it meets to the bit what it projects or recovers; 0 of none.
     """
     problem, reference = motion.problem, motion.at(float(run.t[-1]))
     by_name: dict[str, Array] = {}
@@ -229,21 +230,22 @@ def _looked_at(run: Run, problem: Problem) -> list[int]:
 def misfits_at(problem: Problem, run: Run, row: int, aside: int = 0) -> dict[str, Misfit]:
     """What a row of a run misses of the invariants that its columns tell of.
 
-    λ is compared with that which u and v imply, so many last places aside.
+    λ is compared with that which u and v imply; u and v of a twin with other last places.
     """
     u, v, multipliers = (run.state.get(part, np.zeros((len(run.t), 0)))[row]
                          for part in ("u", "v", "lambda"))  # fmt: skip
     if not np.isfinite(u).all():
         return {}
+    if aside:
+        u, v = last_places_off(np.array([u, v]), aside - 1)
     with_v = bool(np.isfinite(v).all())
     missed = misfits(problem, float(run.t[row]), u, v if with_v else np.zeros(problem.n))
     if not with_v:
         return {"position": missed["position"]}
     if problem.m and np.isfinite(multipliers).all():
         try:
-            there = [x + aside * _EPS * np.abs(x) for x in (u, v)]
             with np.errstate(all="ignore"):
-                _, implied = Index1(problem).accelerations(float(run.t[row]), *there)
+                _, implied = Index1(problem).accelerations(float(run.t[row]), u, v)
             missed["multiplier"] = Misfit(multipliers - implied, np.abs(implied))
         except np.linalg.LinAlgError:
             pass
@@ -274,7 +276,7 @@ def _of_march(
             ])  # fmt: skip
         marches.append(Run(run.series, run.size, 0, np.asarray(x.t), state, {}))
     parts = {part: ["all"] for part in ("u", "v", "lambda", "output")}
-    # A march that recovers λ, and its twins, would agree with the index-1 equations to the bit.
+    # A march that projects or recovers, and its twins, would agree with what they meet to the bit.
     off = [deviations(r, motion, parts, aside) for aside, r in enumerate(marches)]
     return off, np.asarray(ours.iterations)
 

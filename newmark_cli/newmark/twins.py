@@ -55,10 +55,16 @@ def twins(
 
 def beside(state: State, number: int = 0) -> State:
     """The state with u (1 ± kε) and v (1 ± kε); what the integrator carries is not touched."""
-    fields = state.fields.copy()
+    moved = last_places_off(state.fields[:2], number)
+    return state._replace(fields=np.concatenate([moved, state.fields[2:]]))
+
+
+def last_places_off(fields: Array, number: int = 0) -> Array:
+    """(2, n) u (1 ± kε) and v (1 ± kε), as those of a twin differ from a march's at the start."""
     units = _units((fields.shape[1] + 1, 2), number)[:-1].T
-    fields[:2] += np.finfo(fields.dtype).eps * units.astype(fields.dtype) * fields[:2]
-    return state._replace(fields=fields)
+    return np.asarray(
+        fields + np.finfo(fields.dtype).eps * units.astype(fields.dtype) * fields, fields.dtype
+    )
 
 
 def _units(shape: tuple[int, int], number: int) -> Array:
