@@ -116,10 +116,10 @@ def _assembled(builder: Builder, problem: Problem, named: Sequence[int]) -> Arra
     if len(problem.axes) == 3:  # where what one joint misses is soon spread over all bodies
         guessed, unit = _missed_by_part(builder, problem, problem.u0, named), ""
         hint = "".join(f" {part} is open by {by:.3g} there;" for part, by in [*guessed.items()][:1])
-    named = ", ".join(f"{part} by {by:.3g}{unit}" for part, by in [*missed.items()][:_MOST_PARTS])
+    parts = ", ".join(f"{part} by {by:.3g}{unit}" for part, by in [*missed.items()][:_MOST_PARTS])
     raise builder.document.error(
         ("assemble",),
-        f"no position found from this guess:{hint} the closest one misses {named}"
+        f"no position found from this guess:{hint} the closest one misses {parts}"
         f"{', …' if len(missed) > _MOST_PARTS else ''}; these contradict each other, or the guess "
         "is too far away",
     )
