@@ -120,3 +120,6 @@ def test_a_run_with_any_name_can_be_read(cli):
     before, *rest = path.read_bytes().split(b",ok,")
     path.write_bytes(b",ok,".join([before, rest[0]]) + b",fine," + b",ok,".join(rest[1:]))
     assert "odd.csv, line 4: status is 'fine'" in cli.refused("check")
+    # An ending that marches no longer have.
+    path.write_bytes(path.read_bytes().replace(b",fine,", b",missed,"))
+    assert "missed" in set(read_study(path)["status"])

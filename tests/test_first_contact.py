@@ -236,6 +236,7 @@ def test_what_is_no_study(cli):
     for arguments, told in (
         (("run", "./lift.csv"), "./lift.csv: is not a study; give a YAML file, or a shipped study"),
         (("run", "./lft.csv"), "./lft.csv: no such file and no shipped study"),
+        (("run", "stopping"), "no shipped study; it is gone: the page on studies says what"),
     ):
         assert told in cli(*arguments, code=2).stderr
 

@@ -319,7 +319,7 @@ def march(
         stop: ``{"absolute": 1e-8}`` or ``{"relative": 1e-8}``: size of the scaled
             correction at which Newton's iteration stops; ``{"test": "residual", "relative":
             1e-8}`` of the residual, against the step's first; ``{"lambda": {"relative":
-            1e-4}}`` of increments.  Where rounding stops it, eq. 50, when omitted.
+            1e-4}}`` by field.  Where rounding stops it, eq. 50, when omitted.
         iteration_cap: Most Newton corrections in a step.
         every: Keep the start, every so many steps, and the last; 1 when omitted, 0 keeps
             only the last.  A kept step takes 8 (3 n + m + 2) bytes; more than 1 GB is

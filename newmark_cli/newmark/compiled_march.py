@@ -31,7 +31,7 @@ from newmark_cli.newmark.march_data import (
     StepTables,
     recording,
 )
-from newmark_cli.newmark.scheme import GO_ON, ZERO, Scheme, Schemes, Tolerance
+from newmark_cli.newmark.scheme import Scheme, Schemes, Tolerance
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -75,7 +75,7 @@ _CHANGING = {
     ),
     "static": ("constant", "coefficients"),
     "dense": ("constant", "coefficients"),
-    "extra": ("rows", "turning", "eta", "rows_eta", "penalty", "acting"),
+    "extra": ("rows", "eta", "rows_eta", "penalty", "acting"),
 }  # fmt: skip
 #: Most numbers of steps of other sizes that are kept.
 _MOST_NUMBERS = 2_000_000
@@ -274,8 +274,6 @@ class Engine:
             settled_below=scheme.settled_below,
             test=BY_ROUNDING if scheme.stop is None else TESTS[stop.test],
             limits=stop.limits,
-            from_zero=int(stop.guess == ZERO),
-            ends=int(stop.missed != GO_ON),
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
         functions = self._function, self._derive, self._solve

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
-from newmark_cli.newmark.scheme import PARTIAL, Scheme
+from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.algebra import Factors, norm, product, spectral_norm
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -41,7 +41,6 @@ class FormulationTables(NamedTuple):
     """
 
     rows: Array  #: (k, 3) s₀, s₁, s₂
-    turning: Array  #: (k, 3) the same where they multiply R and Q; zero in a partial tangent
     eta: Array  #: (3,) coefficients of Pη in u, v, a
     rows_eta: Array  #: (r,) the same in the kept rows V, K
     inertia: np.floating[Any]  #: c = ∂v'/∂a
@@ -166,12 +165,6 @@ class Constraining:
         self.eta = scheme.elimination.eta
         self.rows_eta = scheme.elimination.rows_eta
 
-    @property
-    def turning(self) -> Array:
-        """(k, 3) s₀, s₁, s₂ where they multiply R and Q in tangents."""
-        stop = self.scheme.stop
-        return np.zeros_like(self.weights) if stop and stop.tangent == PARTIAL else self.weights
-
     @cached_property
     def penalty(self) -> float:
         """Penalty p of the augmented Lagrangian; 0 for other formulations."""
@@ -244,8 +237,8 @@ class Constraining:
         """(k, 3, E) of the rows to u, v, a, from the entries of G, R and Q."""
         return np.array(
             [
-                [s0 * g + t1 * r + t2 * q, s1 * g + 2 * t2 * r, s2 * self.inertia * g]
-                for (s0, s1, s2), (_, t1, t2) in zip(self.weights, self.turning, strict=True)
+                [s0 * g + s1 * r + s2 * q, s1 * g + 2 * s2 * r, s2 * self.inertia * g]
+                for s0, s1, s2 in self.weights
             ]
         ).reshape(-1, 3, len(g))
 
@@ -272,7 +265,6 @@ class Constraining:
         g_places = pattern.g_rows * size + p * n + pattern.g_columns
         return FormulationTables(
             rows=self.weights.astype(dtype),
-            turning=self.turning.astype(dtype),
             eta=self.eta.astype(dtype),
             rows_eta=self.rows_eta.astype(dtype),
             inertia=dtype(self.inertia),

@@ -24,12 +24,11 @@ from numba.extending import intrinsic
 
 from newmark_cli.newmark.march_data import (
     BY_CORRECTION,
-    BY_INCREMENTS,
+    BY_FIELD,
     BY_RESIDUAL,
     BY_ROUNDING,
     COMPLETED,
     DIVERGED,
-    MISSED,
     MOST_POSITIONS,
     PIVOTING,
     SINGULAR,
@@ -538,7 +537,7 @@ def _is_small(tables, schedule, state, room, norm, displacement_square):
 @_part
 def _passes(tables, schedule, state, last_fields, last_multipliers, norm):
     """Whether a correction meets the test; the residual is tested after the next evaluation."""
-    if schedule.test == BY_INCREMENTS:
+    if schedule.test == BY_FIELD:
         passes = True
         for f in range(3):
             limits = schedule.limits[f, 0], schedule.limits[f, 1]
@@ -575,27 +574,25 @@ def _look(tables, schedule, state, room, rhs, solves, first):
     Returns:
         Whether the residual meets the test, and the norm of the step's first.
     """
-    if schedule.test == BY_INCREMENTS:
+    if schedule.test == BY_FIELD:
         _copy_all(state.fields, room.last_fields)
         _copy(state.multipliers, room.last_multipliers)
-    if schedule.test < BY_RESIDUAL:
+    if schedule.test != BY_RESIDUAL:
         return 0, first
-    size = _residual(tables, schedule, rhs, state.fields.shape[1], state.multipliers.shape[0])
+    size = _residual(tables, rhs, state.fields.shape[1], state.multipliers.shape[0])
     if solves == 0:
         return 0, size
     return int(size <= schedule.limits[0, 0] + schedule.limits[0, 1] * first), first
 
 
 @_part
-def _residual(tables, schedule, rhs, n, m):
-    """Norm of the residual from −D_L b, after or before scaling."""
+def _residual(tables, rhs, n, m):
+    """Norm of the residual b before scaling, from −D_L b."""
     of_motion = 1 + tables.row_weights.shape[0]
     square = 0.0
     for i in range(rhs.shape[0]):
-        value = np.float64(rhs[i])
-        if schedule.test == BY_RESIDUAL:
-            row = i // n if i < of_motion * n else of_motion + (i - of_motion * n) // m
-            value /= tables.left[row]
+        row = i // n if i < of_motion * n else of_motion + (i - of_motion * n) // m
+        value = np.float64(rhs[i]) / tables.left[row]
         square += value * value
     return np.sqrt(square)
 
@@ -626,13 +623,6 @@ def _copy(source, target):
     """Copy a vector; what an assignment as a whole can raise takes seconds to compile."""
     for i in range(source.shape[0]):
         target[i] = source[i]
-
-
-@_part
-def _clear(target):
-    """Set a vector to zero."""
-    for i in range(target.shape[0]):
-        target[i] = 0
 
 
 @_inline
@@ -690,7 +680,6 @@ def _assemble_constraints(problem, extra, state, values, work):
     two = values.phi.dtype.type(2)
     for row in range(extra.rows.shape[0]):
         s0, s1, s2 = extra.rows[row, 0], extra.rows[row, 1], extra.rows[row, 2]
-        t1, t2 = extra.turning[row, 1], extra.turning[row, 2]
         for k in range(values.phi.shape[0]):
             value = s0 * values.phi[k]
             if s1 != 0:
@@ -703,8 +692,8 @@ def _assemble_constraints(problem, extra, state, values, work):
             if s2 != 0:
                 acceleration = state.fields[3, problem.g_rows[e]]
                 work.rows[row, problem.g_columns[e]] += s2 * (g * acceleration)
-            work.tangents[row, 0, e] = s0 * g + t1 * r + t2 * q
-            work.tangents[row, 1, e] = s1 * g + two * t2 * r
+            work.tangents[row, 0, e] = s0 * g + s1 * r + s2 * q
+            work.tangents[row, 1, e] = s1 * g + two * s2 * r
             work.tangents[row, 2, e] = s2 * extra.inertia * g
 
 
@@ -1110,8 +1099,6 @@ def _march_index_3(
         _predict(tables, past, moving)
         _take_increments(iterate, state)
         _copy(multipliers, before_step)
-        if schedule.from_zero != 0:
-            _clear(multipliers)
         previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `_look` twice
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
@@ -1158,15 +1145,13 @@ def _march_index_3(
             previous = norm
             displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
             # Nothing but the end of the step needs a.
-            _recover(tables, history, past, moving, 0, 2 if schedule.test == BY_INCREMENTS else 1)
+            _recover(tables, history, past, moving, 0, 2 if schedule.test == BY_FIELD else 1)
             _take_increments(iterate, state)
             small = _is_small(tables, schedule, state, room, norm, displacement_square)
             settled = settled + 1 if small else 0
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
-        if schedule.ends != 0 and settled == 0:
-            return MISSED, s
         _recover(tables, history, past, moving, 2, 2)
         _take_increments(iterate, state)
         _form_acceleration(tables, state)
@@ -1217,8 +1202,6 @@ def _march_formulated(
             _set_directions(extra, iterate.g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
-        if schedule.from_zero != 0:
-            _clear(multipliers)
         solves, settled, first = np.int64(0), 0, 0.0
         while solves < schedule.cap:
             if extra.penalty[0] == 0 or solves == 0:
@@ -1261,8 +1244,6 @@ def _march_formulated(
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
-        if schedule.ends != 0 and settled == 0:
-            return MISSED, s
         if not _finish(
             evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
             positions, s,

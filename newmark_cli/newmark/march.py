@@ -1,7 +1,7 @@
 """One march that can be observed: cells, drawings and the library all take it."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge
@@ -10,13 +10,12 @@ import numpy as np
 
 from newmark_cli.newmark import compiled_march, kernel, scipy_march
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
-from newmark_cli.newmark.halving import Engine, Halving
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
-from newmark_cli.newmark.scheme import HALVE, Scheme, Schemes
+from newmark_cli.newmark.scheme import Scheme, Schemes
 from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
@@ -151,16 +150,12 @@ class March:
         )
         self._systems = systems.Systems(self.solver, problem, self.schemes, krylov)
         self._compiled: compiled_march.Engine | None = None
-        self._engine = self._engine_for(self.schemes, self._systems)
-        if scheme.stop and scheme.stop.missed == HALVE:
-
-            def engine_of(others: Schemes) -> Engine:
-                return self._engine_for(
-                    others, systems.Systems(self.solver, problem, others, krylov)
-                )
-
-            smallest = scheme.stop.smallest_h
-            self._engine = Halving(self.schemes, self._engine, engine_of, smallest).march
+        if _by_kernel(problem, self.solver):
+            system = self._systems.base
+            static = system if isinstance(system, StaticSystem) else None
+            self._compiled = compiled_march.Engine(
+                problem, scheme, static, system.constraining, self.schemes
+            )
         if state is None:
             self.state = initial_state(problem, self.schemes.at(1))
         else:
@@ -168,20 +163,6 @@ class March:
         self.done, self.earlier, self.corrections, self.positions = done, 0, 0, 0
         self.ending = COMPLETED
         self._index_1 = Index1(problem) if scheme.reported == RECOVERED else None
-
-    def _engine_for(self, schemes: Schemes, solved: systems.Systems) -> Engine:
-        """What marches steps, with their linear systems."""
-        if not _by_kernel(self.problem, self.solver):
-            return partial(
-                scipy_march.march, self.problem, schemes.base, schemes=schemes, system_at=solved.at
-            )
-        system = solved.base
-        static = system if isinstance(system, StaticSystem) else None
-        engine = compiled_march.Engine(
-            self.problem, schemes.base, static, system.constraining, schemes
-        )
-        self._compiled = self._compiled or engine
-        return engine.march
 
     @property
     def scheme(self) -> Scheme:
@@ -286,6 +267,13 @@ class March:
         return max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
 
     @property
+    def _by_scipy(self) -> Callable[..., tuple[int, int]]:
+        return partial(
+            scipy_march.march, self.problem, self.schemes.base,
+            schemes=self.schemes, system_at=self._systems.at,
+        )  # fmt: skip
+
+    @property
     def _pivoted(self) -> int:
         return self._compiled.pivoted if self._compiled else 0
 
@@ -295,7 +283,8 @@ class March:
         """How it ended, the steps taken, and norms, iterations and corrected positions of all."""
         norms = np.zeros((steps, len(self.scheme.recorded)))
         iterations, positions = np.zeros(steps, np.int64), np.zeros(steps, np.int64)
-        ending, taken = self._engine(
+        engine = self._compiled.march if self._compiled else self._by_scipy
+        ending, taken = engine(
             self.state, self.done, norms, iterations, record=record, positions=positions
         )
         return ending, taken, norms, iterations, positions

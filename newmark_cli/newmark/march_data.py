@@ -12,21 +12,12 @@ COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
 PIVOTING = 4
 #: A system that is assembled and waits for a solver; no step ends so.
 UNSOLVED = 5
-#: A step that misses its test, where that ends the march.
-MISSED = 6
 #: What results call the endings before the last step.
-ENDINGS = {
-    SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated", MISSED: "missed",
-}  # fmt: skip
+ENDINGS = {SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated"}
 #: What ends Newton's iteration in a step.
-BY_ROUNDING, BY_CORRECTION, BY_INCREMENTS, BY_RESIDUAL, BY_SCALED_RESIDUAL = range(5)
+BY_ROUNDING, BY_CORRECTION, BY_FIELD, BY_RESIDUAL = range(4)
 #: The same by the names of `newmark_cli.newmark.scheme.Tolerance.test`.
-TESTS = {
-    "correction": BY_CORRECTION,
-    "increments": BY_INCREMENTS,
-    "residual": BY_RESIDUAL,
-    "scaled-residual": BY_SCALED_RESIDUAL,
-}
+TESTS = {"correction": BY_CORRECTION, "field": BY_FIELD, "residual": BY_RESIDUAL}
 
 
 class StepTables(NamedTuple):
@@ -132,8 +123,6 @@ class Schedule(NamedTuple):
     settled_below: float  #: see `newmark_cli.newmark.scheme.Scheme.settled_below`
     test: int  #: what ends Newton's iteration, ``BY_…``
     limits: np.ndarray  #: (4, 2) see `newmark_cli.newmark.scheme.Tolerance.limits`
-    from_zero: int  #: whether a step begins with λ = 0
-    ends: int  #: whether a step that misses the test ends the march
     patience: int  #: steps given up by ``solve`` or the code, after which the march halts
 
 

@@ -50,18 +50,9 @@ PRECISIONS: Mapping[str, type[np.floating[Any]]] = MappingProxyType(
 )
 
 
-#: What a test of Newton's iteration looks at: the scaled correction, the residual before or
-#: after scaling, or what the correction changes in each field.
-CORRECTION, RESIDUAL, SCALED_RESIDUAL, INCREMENTS = (
-    "correction", "residual", "scaled-residual", "increments",
-)  # fmt: skip
-#: What becomes of a step that misses its test in as many corrections as it may take.
-GO_ON, STOP, HALVE = "go-on", "stop", "halve"
-#: What Newton starts from in a step: u + h v and the last λ, or a = 0 and λ = 0.
-EXTRAPOLATED, ZERO = "extrapolated", "zero"
-#: Whether rows of rates of constraints are differentiated by all they depend on, or only by their
-#: highest derivative.
-FULL, PARTIAL = "full", "partial"
+#: What a test of Newton's iteration looks at: the scaled correction, the residual before
+#: scaling, or what the correction changes in each field.
+CORRECTION, RESIDUAL, BY_FIELD = "correction", "residual", "field"
 
 
 @dataclass(frozen=True)
@@ -69,31 +60,24 @@ class Tolerance:
     """Stops Newton's iteration at a test, ‖…‖ ≤ absolute + relative × what it is relative to.
 
     A correction is relative to the scaled unknowns, ‖q̄ʲ‖ ≤ absolute + relative ‖q̄‖, a
-    residual to that before the first correction of the step.  Of increments the root mean
-    square of Δxᵢ / (absolute + relative |xᵢ|) must not exceed 1, in every field that is named.
+    residual to that before the first correction of the step.  By field the root mean square
+    of Δxᵢ / (absolute + relative |xᵢ|) must not exceed 1, in every field that is named.
 
     Attributes:
-        absolute, relative: Not negative, one of them positive; of increments zero.
+        absolute, relative: Not negative, one of them positive; by field zero.
         test: What is looked at.
-        fields: Of increments: u, v, a or lambda, and its absolute and relative parts.
-        missed, guess, tangent: What becomes of a step that misses the test, what Newton starts
-            from, and how much of the rows of constraints it differentiates.
-        smallest_h: Smallest part of a step that is halved (s), where missed steps are.
+        fields: By field: u, v, a or lambda, and its absolute and relative parts.
     """
 
     absolute: float = 0.0
     relative: float = 0.0
     test: str = CORRECTION
     fields: tuple[tuple[str, float, float], ...] = ()
-    missed: str = GO_ON
-    guess: str = EXTRAPOLATED
-    tangent: str = FULL
-    smallest_h: float = 0.0
 
     @property
     def on_residual(self) -> bool:
         """Whether it looks at the residual, and not at what a correction changes."""
-        return self.test in (RESIDUAL, SCALED_RESIDUAL)
+        return self.test == RESIDUAL
 
     @property
     def label(self) -> str:
@@ -102,9 +86,6 @@ class Tolerance:
         for name, *limits in (("", self.absolute, self.relative), *self.fields):
             named = zip(("absolute", "relative"), limits, strict=True)
             parts += [name, *(f"{part} {value!r}" for part, value in named if value)]
-        usual = {"missed": GO_ON, "guess": EXTRAPOLATED, "tangent": FULL}
-        parts += [f"{key} {value}" for key in usual if (value := getattr(self, key)) != usual[key]]
-        parts += [f"smallest_h {self.smallest_h!r}"] if self.smallest_h else []
         return " ".join(filter(None, parts))
 
     @property
@@ -307,8 +288,6 @@ class Scheme:
                         past[field, source] += weights[field, k]
 
         u_predicted = np.where(np.arange(len(relations.u_past)) < 2, relations.u_past, 0.0)
-        if self.stop and self.stop.guess == ZERO:
-            u_predicted = relations.u_past
         a_predicted = (u_predicted - relations.u_past) / relations.u_from_a
         v_predicted = relations.v_from_a * a_predicted + relations.v_past
         tables = StepTables(

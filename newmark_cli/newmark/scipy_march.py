@@ -18,22 +18,13 @@ from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     DIVERGED,
-    MISSED,
     MOST_POSITIONS,
     SINGULAR,
     STAGNATED,
     Record,
     State,
 )
-from newmark_cli.newmark.scheme import (
-    CORRECTION,
-    GO_ON,
-    INCREMENTS,
-    RESIDUAL,
-    ZERO,
-    Scheme,
-    Schemes,
-)
+from newmark_cli.newmark.scheme import BY_FIELD, CORRECTION, Scheme, Schemes
 from newmark_cli.problems import algebra
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ConstraintRows, Problem, Values
@@ -138,8 +129,6 @@ class _Index3:
         self._dynamic_history = self.system.times_mass(algebra.product(tables.dynamic_past, past))
         self._row_history = algebra.product(tables.row_past, past)
         self.moving[:] = algebra.product(tables.predictor, past)
-        if self.scheme.stop and self.scheme.stop.guess == ZERO:
-            self.state.multipliers[:] = 0
         self._take()
         self._previous = np.inf
 
@@ -244,7 +233,7 @@ class _Index3:
         """
         scheme, fields = self.scheme, self.state.fields
         p, kept = len(scheme.tables.kept), scheme.tables.kept
-        if (stop := scheme.stop) and stop.test == INCREMENTS:
+        if (stop := scheme.stop) and stop.test == BY_FIELD:
             now = (*fields[:3], self.state.multipliers)
             return all(map(_changed_little, stop.limits, self._before, now))
         if stop:
@@ -256,16 +245,14 @@ class _Index3:
         return norm == 0 or bool(displacement < threshold)
 
     def look(self, rhs: Array, solves: int) -> bool:
-        """Whether −D_L b (N,) meets the test after so many corrections; the first is kept."""
+        """Whether b, from −D_L b (N,), meets the test after so many; the first is kept."""
         stop, left = self.scheme.stop, self.scheme.left
         if stop is None:
             return False
         self._before = [*self.state.fields[:3].copy(), self.state.multipliers.copy()]
-        if stop.test == RESIDUAL:
-            of_motion = 1 + len(self.scheme.form.extra_rows)
-            sizes = [self.problem.n] * of_motion + [self.problem.m] * (len(left) - of_motion)
-            rhs = rhs / np.repeat(left, sizes)
-        size = algebra.norm(rhs)
+        of_motion = 1 + len(self.scheme.form.extra_rows)
+        sizes = [self.problem.n] * of_motion + [self.problem.m] * (len(left) - of_motion)
+        size = algebra.norm(rhs / np.repeat(left, sizes))
         if solves == 0:
             self._first = size
         limit = stop.absolute + stop.relative * self._first
@@ -519,10 +506,8 @@ def march(
             if grid.varies:
                 own.change_size(first + s + 1, system_at, begun and s == 0)
             own.begin_step(grid.t(first + s))
-            t, stop = grid.t(first + s + 1), own.scheme.stop
+            t = grid.t(first + s + 1)
             iterations[s] = own.iterate(t, norms[s])
-            if stop and stop.missed != GO_ON and iterations[s] < 0:
-                raise _Ended(MISSED)
             taken = _solved(own.finish, t)
             if positions is not None:
                 positions[s] = taken

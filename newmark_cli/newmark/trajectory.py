@@ -34,7 +34,6 @@ _MESSAGES = {
     "not_converged": "the march reached its end, but Newton's iteration did not converge "
     "in some steps",
     "stopped": "the march was stopped by its caller",
-    "missed": "the next step misses the test that ends Newton's iteration",
     "singular": "the Jacobian is singular in the next step",
     "diverged": "Newton's iteration left the range of floating point in the next step",
     "stagnated": "the Krylov solver did not reach its tolerance in the next step",
@@ -153,7 +152,7 @@ class Trajectory:
         converged: (k,) whether Newton's iteration converged in it.
         status: ``"ok"``; ``"not_converged"``, in some steps, see `not_converged`;
             ``"stopped"`` by the caller; ``"interrupted"`` by an exception; or why there
-            is no next step: ``"singular"``, ``"diverged"``, ``"stagnated"``, ``"missed"``; or
+            is no next step: ``"singular"``, ``"diverged"``, ``"stagnated"``; or
             ``"redundant"``, where a row that was released as redundant opens.
         steps: Steps taken by this march.
         not_converged: How many of them ended before Newton's iteration converged.

@@ -244,8 +244,8 @@ class Cell:
         many=False,
         config=lambda keys: keys.Stop,
         default=None,
-        about="test that ends Newton's iteration: a tolerance on the scaled correction, the "
-        "residual, or increments of fields; default: where rounding stops it",
+        about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
+        "field, or on the residual; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "
         "as `absolute 1e-08`, `residual relative 1e-08`, `lambda relative 0.0001`",
     )

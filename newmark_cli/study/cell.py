@@ -13,7 +13,6 @@ from newmark_cli.support.arrays import Array, IndexArray
 STATUSES = (
     "ok",
     "not_converged",
-    "missed",
     "stagnated",
     "singular",
     "diverged",

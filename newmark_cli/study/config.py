@@ -67,7 +67,7 @@ from newmark_cli.support.spelling import closest, degrees_of_freedom, nearest
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
 BEYOND = (
     "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
-    "cures", "cures-tolerance", "cures-krylov", "drift", "floor", "stopping",
+    "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
     "spatial", "step-changes",
 )  # fmt: skip
 MOST_CASES = 500

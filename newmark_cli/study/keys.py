@@ -62,19 +62,11 @@ from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
+    BY_FIELD,
     CORRECTION,
     EVALUATIONS,
-    EXTRAPOLATED,
-    FULL,
-    GO_ON,
-    HALVE,
-    INCREMENTS,
-    PARTIAL,
     PRECISIONS,
     RESIDUAL,
-    SCALED_RESIDUAL,
-    STOP,
-    ZERO,
     Tolerance,
 )
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
@@ -543,12 +535,12 @@ class LimitsConfig(StrictModel):
 class StopConfig(Valued):
     """Ends Newton's iteration at a test in place of where rounding stops it.
 
-    On the scaled correction, on the residual before or after scaling, relative to the step's
-    first, or on increments of fields, each with parts of its own.
+    On the scaled correction, on the residual before scaling, relative to the step's first, or
+    by field on what a correction changes, each field with parts of its own.
     """
 
-    test: Annotated[str, _Known("test", (CORRECTION, RESIDUAL, SCALED_RESIDUAL))] | None = Field(
-        None, description="what is looked at, if not increments of fields; default: correction"
+    test: Annotated[str, _Known("test", (CORRECTION, RESIDUAL))] | None = Field(
+        None, description="what is looked at, if not single fields; default: correction"
     )
     absolute: Positive | None = Field(None, description="bound of what is looked at")
     relative: Positive | None = Field(
@@ -559,22 +551,6 @@ class StopConfig(Valued):
     a: LimitsConfig | None = Field(None, description="what a may change by")
     lambda_: LimitsConfig | None = Field(
         None, alias="lambda", description="what lambda may change by"
-    )
-    missed: Annotated[str, _Known("missed", (GO_ON, STOP, HALVE))] | None = Field(
-        None, description="what becomes of a march whose step misses the test; default: go-on"
-    )
-    smallest_h: Positive | None = Field(
-        None, description="smallest part (s) of a step that is halved until its parts meet the test"
-    )
-    guess: Annotated[str, _Known("guess", (EXTRAPOLATED, ZERO))] | None = Field(
-        None,
-        description="what Newton starts from: u + h v and the last lambda, or a = 0 and "
-        "lambda = 0; default: extrapolated",
-    )
-    tangent: Annotated[str, _Known("tangent", (FULL, PARTIAL))] | None = Field(
-        None,
-        description="whether rates of constraints are differentiated by all they depend on, or by "
-        "their highest derivative; default: full",
     )
 
     @model_validator(mode="before")
@@ -588,7 +564,7 @@ class StopConfig(Valued):
         of = limits
         while words:
             word = words.pop(0)
-            if word in (RESIDUAL, SCALED_RESIDUAL):
+            if word.endswith(RESIDUAL):
                 limits["test"] = word
             elif word in (*FIELDS, "lambda"):
                 of = limits[word] = {}
@@ -607,11 +583,9 @@ class StopConfig(Valued):
     def _given(self) -> "StopConfig":
         keys = [key for key in ("test", "absolute", "relative") if getattr(self, key) is not None]
         if self._fields and keys:
-            raise misfit(keys[0], "not with increments of fields, which have their own limits")
+            raise misfit(keys[0], "not with fields, which have their own limits")
         if not self._fields and self.absolute is None and self.relative is None:
             raise ValueError("needs absolute or relative")
-        if (self.missed == HALVE) != (self.smallest_h is not None):
-            raise misfit("smallest_h", f"goes with missed: {HALVE}, which needs it")
         return self
 
     def value(self) -> Tolerance:
@@ -620,10 +594,8 @@ class StopConfig(Valued):
             (name, limits.absolute or 0.0, limits.relative or 0.0)
             for name, limits in self._fields.items()
         )
-        test = INCREMENTS if fields else self.test or CORRECTION
-        keys = ("missed", "guess", "tangent", "smallest_h")
-        others = {key: value for key in keys if (value := getattr(self, key))}
-        return Tolerance(self.absolute or 0.0, self.relative or 0.0, test, fields, **others)
+        test = BY_FIELD if fields else self.test or CORRECTION
+        return Tolerance(self.absolute or 0.0, self.relative or 0.0, test, fields)
 
 
 class KrylovConfig(Valued):

@@ -906,7 +906,7 @@ TOLERANCE = Measure(
             lambda key: "share of steps that meet the tolerance",
             "met",
             # A step that misses its tolerance is what this is about.
-            ok=("ok", "not_converged", "missed"),
+            ok=("ok", "not_converged"),
             kind="rounding",
             linear=True,
             share=True,

@@ -66,10 +66,9 @@ MEASURED = (
     ),
     Column(
         "status",
-        "how the cell ended: `ok`, `not_converged`, `missed` (a step missed its test, and `stop` "
-        "says that this ends a march), `stagnated` (a Krylov solver), `singular`, `diverged`, "
-        "`redundant` (in space: a row that was released as redundant is needed after all) or "
-        "`failed`",
+        "how the cell ended: `ok`, `not_converged`, `stagnated` (a Krylov solver), `singular`, "
+        "`diverged`, `redundant` (in space: a row that was released as redundant is needed after "
+        "all) or `failed`",
         lambda outcome, statistics: outcome.status,
         is_number=False,
     ),

@@ -4,6 +4,8 @@ import difflib
 from collections.abc import Iterable
 from itertools import islice
 
+from newmark_cli.support.retired import RETIRED
+
 #: Names that an error compares with what was given, and that it lists.
 _MOST_COMPARED = 2_000
 _MOST_LISTED = 40
@@ -12,6 +14,9 @@ _MOST_LISTED = 40
 def nearest(name: object, allowed: Iterable[str]) -> str:
     """Text that offers the nearest allowed name and lists all of them, if they are not many."""
     allowed = [_short_name(n) for n in islice(allowed, _MOST_COMPARED)]
+    beside, instead = RETIRED.get(name, ("", "")) if isinstance(name, str) else ("", "")
+    if beside in allowed:
+        return f"; it is gone: {instead}"
     close = closest(name, allowed)
     hint = f"; did you mean {close!r}?" if close else ";"
     listed = [*allowed[:_MOST_LISTED], *(["…"] if len(allowed) > _MOST_LISTED else [])]

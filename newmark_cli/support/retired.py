@@ -1,0 +1,19 @@
+"""Names that the package no longer knows, and what is said where one is still asked for."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+_MISSED = "a march goes on after a step that misses its test; the column met counts the others"
+
+#: Key, value or command → a name that is allowed where it was, and its way out.
+RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "missed": ("absolute", _MISSED),
+        "smallest_h": ("absolute", _MISSED),
+        "guess": ("absolute", "Newton starts each step from u + h v and the last lambda"),
+        "tangent": ("absolute", "the tangent is the full one"),
+        "scaled-residual": ("residual", "take test: residual, or scale absolute and relative"),
+        **dict.fromkeys(("21", "22"), ("20", "the study stopping, which it showed, went")),
+        "stopping": ("step-changes", "the page on studies says what `stop` can test"),
+    }
+)
