@@ -136,7 +136,6 @@ IMPORTED = (
     "newmark.compiled_march",
     "report.tables.check",
     "running.runner",
-    "study.collection",
     "study.compute",
 )
 

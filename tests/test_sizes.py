@@ -208,7 +208,6 @@ def test_commands_warn_once_and_go_on(cli):
         ("run", "mine.yaml", "--jobs", "2"),
         ("run", "mine.yaml", "--quiet"),
         ("run", "mine.yaml", "--dry-run"),
-        ("export", "hoist.yaml", "--h", "1e-2", "--steps", "1", "--out", "systems"),
     ):
         assert cli(*arguments).stderr == doubt
     cli.write("hoist.yaml", HOIST)

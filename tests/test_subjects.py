@@ -35,7 +35,7 @@ SUBJECTS = (
     *PROBLEMS, *STUDIES, "mine", "axis.py", "air.py:drag", "matrices.npz", "results/mine.csv",
     "missing.yaml", ".",
 )  # fmt: skip
-CODE = ("validate", "draw", "advise", "export", "orders", "run")
+CODE = ("validate", "draw", "advise", "orders", "run")
 #: Words of the command line before a subject, and the subjects that they work for.
 COMMANDS = (
     ("validate", (*PROBLEMS, *STUDIES)),
@@ -43,7 +43,6 @@ COMMANDS = (
     ("advise --h 1e-3 --t-end 0.01", (*PROBLEMS, *STUDIES)),
     ("advise --h 1e-3 --matrices", ("matrices.npz",)),
     ("advise --jacobian", ()),
-    ("export --h 1e-1 --steps 1 --preconditioning optimal", (*PROBLEMS, *STUDIES)),
     ("run --dry-run", STUDIES),
     ("orders --config", STUDIES),
     ("prune --dry-run", STUDIES),

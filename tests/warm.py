@@ -57,7 +57,6 @@ MODULES = (
     "running.preloaded",
     "running.runner",
     "study.catalogue",
-    "study.collection",
     "study.compute",
     "study.motion",
     "study.schema",

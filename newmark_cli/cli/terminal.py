@@ -174,32 +174,3 @@ def watching(quiet: bool, verbose: bool) -> Iterator[Counts]:
         yield reporting
     finally:
         reporting.close()
-
-
-class Exporting:
-    """Tells of an export (`newmark_cli.study.collection.Watcher`): a display on a terminal only."""
-
-    def __init__(self) -> None:
-        self._stack = contextlib.ExitStack()
-        self._display: Progress | None = None
-        self._systems = 0
-
-    def planned(self, steps: int) -> None:
-        """Open the display."""
-        if sys.stderr.isatty():
-            self._display = _opened(_bar(steps, systems=0), self._stack)
-
-    def marched(self, steps: int) -> None:
-        """Go on by so many steps."""
-        if self._display is not None:
-            self._display.advance(self._display.task_ids[0], steps)
-
-    def written(self) -> None:
-        """Count a system."""
-        self._systems += 1
-        if self._display is not None:
-            self._display.update(self._display.task_ids[0], systems=self._systems)
-
-    def close(self) -> None:
-        """Leave the display as it stands, and give the cursor back."""
-        self._stack.close()

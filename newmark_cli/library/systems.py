@@ -26,7 +26,7 @@ def linear_systems(
     """The linear systems J̄ q̄ = −D_L b that Newton's iteration solves along a march.
 
     They are what the SciPy engine solves in a step from the state in which the march
-    stands; the command ``export`` writes them.  When the march ends early, so do they.
+    stands.  When the march ends early, so do they.
 
     Args:
         problem: As of `march`.
@@ -40,23 +40,21 @@ def linear_systems(
 
     Returns:
         An iterator over systems in the order in which they are solved, each with a sparse
-        ``matrix``, the right-hand side ``rhs``, names, sizes and factors of its blocks, and
-        ``solution()`` to 60 digits.
+        ``matrix``, the right-hand side ``rhs``, and names, sizes and factors of its blocks.
 
     Raises:
         ArgumentError: If steps are not whole numbers from 1 on, and as `march`.
-        InputError: In single precision, whose systems cannot be exported.
+        InputError: In single precision, whose systems cannot be had.
         NewmarkError: As `march`.
 
     Examples:
         >>> import newmark_cli as newmark
         >>> for system in newmark.linear_systems("andrews", h=1e-6, steps=[1, 50]):
-        ...     x = [float(digits) for digits in system.solution()]
-        ...     print(system.step, system.matrix.shape, system.residual(x) < 1e-15)
-        1 (15, 15) True
-        1 (15, 15) True
-        50 (15, 15) True
-        50 (15, 15) True
+        ...     print(system.step, system.iteration == 1, system.matrix.shape, system.rhs.shape)
+        1 True (15, 15) (15,)
+        1 False (15, 15) (15,)
+        50 True (15, 15) (15,)
+        50 False (15, 15) (15,)
     """
     for name in _KEEPING:
         if name in options:

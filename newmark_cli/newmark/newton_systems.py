@@ -1,18 +1,14 @@
 """The linear systems that Newton's iteration solves along a march."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from decimal import Decimal
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse
 
 from newmark_cli.newmark import scipy_march
 from newmark_cli.newmark.constraints import Tangents
-from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
-from newmark_cli.newmark.linear import exact
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED, recording
@@ -43,9 +39,6 @@ class NewtonSystem:
         (('D', 'C'), ('u', 'lambda'), (2, 1), (3, 3))
         >>> last.iteration == last.iterations, f"{last.beta * last.h**2:g}", last.left["D"]
         (True, '2.5e-07', 2.5e-07)
-        >>> exact = first.solution()
-        >>> first.residual([float(x) for x in exact]) < 1e-15, type(exact[0]).__name__
-        (True, 'Decimal')
     """
 
     matrix: scipy.sparse.csc_array
@@ -98,27 +91,6 @@ class NewtonSystem:
         """γ in the factors: ∂v/∂v' = γ h."""
         return self.scheme.symbols["gamma"]
 
-    @cached_property
-    def _solution(self) -> tuple[Decimal, ...]:
-        left, right = scaling_factors(self.scheme, self.n, self.m)
-        rows, columns = balancing_factors(self.scheme, self.n, self.m)
-        return exact.solve(self.matrix, self.rhs, rows / left, columns / right)
-
-    def solution(self) -> tuple[Decimal, ...]:
-        """(N,) q̄ of the exact binary numbers, to at least 60 digits in every component.
-
-        Components below 1e-100 of the largest, in balanced unknowns, are zeros.
-
-        Raises:
-            numpy.linalg.LinAlgError: When J̄ is singular, or so nearly that no digits are
-                to be had.
-        """
-        return self._solution
-
-    def residual(self, x: Sequence[float] | Array) -> float:
-        """‖rhs − J̄ x‖₂ / (‖J̄‖_F ‖x‖₂ + ‖rhs‖₂), evaluated in more than 200 digits."""
-        return exact.backward_error(self.matrix, self.rhs, np.asarray(x, float).tolist())
-
 
 #: Number of a solution, J̄ and the right-hand side.
 _Seen = list[tuple[int, scipy.sparse.csc_array, Array]]
@@ -140,10 +112,7 @@ def _observed_by(seen: _Seen, system: LinearSystem, every: bool) -> LinearSystem
 
 
 def newton_systems(
-    march: March,
-    steps: Sequence[int],
-    every_iteration: bool = False,
-    on_steps: Callable[[int], None] = lambda steps: None,
+    march: March, steps: Sequence[int], every_iteration: bool = False
 ) -> Iterator[NewtonSystem]:
     """Systems that a march solves in some of its steps: in the first and last iteration.
 
@@ -151,8 +120,7 @@ def newton_systems(
     SciPy engine besides, from the state in which the march stands: the same algorithm, from
     the same numbers.  When the march ends before the last of the steps, so do the systems;
     its `ending` says how.  Systems that are not finite are left out.  Steps are ascending, the
-    first being 1, of this march or that which it goes on with; ``on_steps`` is told how many were
-    done, now and then.
+    first being 1, of this march or that which it goes on with.
 
     Raises:
         InputError: In single precision: such a march is assembled and solved inside the
@@ -163,17 +131,15 @@ def newton_systems(
             f"precision {march.scheme.precision}: only systems of marches in float64 can be "
             "had; others are assembled and solved inside the compiled kernel"
         )
-    return _observed(march, steps, every_iteration, on_steps)
+    return _observed(march, steps, every_iteration)
 
 
-def _observed(
-    march: March, steps: Sequence[int], every_iteration: bool, on_steps: Callable[[int], None]
-) -> Iterator[NewtonSystem]:
+def _observed(march: March, steps: Sequence[int], every_iteration: bool) -> Iterator[NewtonSystem]:
     problem, scheme = march.problem, march.scheme
     for step in steps:
         number = step - march.earlier
-        for stretch in march.stretches(number - 1):
-            on_steps(len(stretch.iterations))
+        for _ in march.stretches(number - 1):
+            pass
         if march.ending != COMPLETED:
             return
         seen: _Seen = []
@@ -192,6 +158,5 @@ def _observed(
                     matrix, rhs, scheme, problem.n, problem.m, t, step, iteration, seen[-1][0]
                 )
         march.advance(1)
-        on_steps(1)
         if march.ending != COMPLETED:
             return

@@ -13,15 +13,12 @@ import hashlib
 import json
 import os
 import re
-import shutil
 import stat
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from newmark_cli.support import interrupts
 from newmark_cli.support.errors import ResultsError
 
 
@@ -247,83 +244,6 @@ def write_output(path: Path, content: str | bytes) -> None:
         if not target.parent.exists():
             raise FileNotFoundError(errno.ENOENT, f"there is no folder {target.parent}")
         write(target, content)
-
-
-def write_new(path: Path, content: str | bytes) -> None:
-    """Write a new file into a folder to which only this process writes.
-
-    Raises:
-        ResultsError: The file is there, or cannot be written.
-    """
-    with _as_results_error(path, "cannot be written"):
-        descriptor = _open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-        with open(descriptor, "wb") as file:
-            file.write(_bytes(content))
-
-
-@contextlib.contextmanager
-def new_folder(
-    target: Path, last: str, is_ours: Callable[[Path], bool], force: bool = False
-) -> Iterator[Path]:
-    """A folder to be filled, whose entries replace those of another when the context ends well.
-
-    Until then it stands next to the other under a temporary name; after an exception it is
-    removed, and the other is as it was.
-
-    Args:
-        target: The folder: not there, empty, or of entries that may be replaced.
-        last: The entry that says that the folder is complete.
-        is_ours: Whether an entry of ``target`` may be replaced.
-        force: Whether ``target`` may have other entries, too, which stay as they are.
-
-    Yields:
-        The folder to be filled.
-
-    Raises:
-        ResultsError: The target is not a folder, has other entries, or cannot be written.
-    """
-    place = Path(os.path.abspath(target))
-    with _as_results_error(target, "cannot be written"):
-        place.parent.mkdir(parents=True, exist_ok=True)
-        _others(place, is_ours, force)
-        folder = Path(tempfile.mkdtemp(dir=place.parent, prefix=f".{place.name}."))
-    remove = partial(shutil.rmtree, folder, ignore_errors=True)
-    try:
-        with interrupts.before_end(remove):
-            yield folder
-        with interrupts.postponed(), _as_results_error(target, "cannot be replaced"):
-            others = _others(place, is_ours, force)
-            new = sorted(folder.iterdir(), key=lambda entry: (entry.name == last, entry.name))
-            for entry in new:
-                if entry.name in others:
-                    raise OSError(errno.EEXIST, f"{entry.name!r} in it is not of an export")
-            place.mkdir(exist_ok=True)
-            old = filter(is_ours, place.iterdir())
-            for entry in sorted(old, key=lambda entry: (entry.name != last, entry.name)):
-                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-            for entry in new:
-                os.rename(entry, place / entry.name)
-    finally:
-        remove()
-
-
-def _others(target: Path, is_ours: Callable[[Path], bool], force: bool) -> list[str]:
-    """Entries of a folder that may not be replaced; refuses them without ``force``."""
-    try:
-        mode = target.lstat().st_mode
-    except FileNotFoundError:
-        return []
-    if not stat.S_ISDIR(mode):
-        what = "it is a symbolic link" if stat.S_ISLNK(mode) else "it is not a folder"
-        raise OSError(errno.ENOTDIR, what, str(target))
-    others = sorted(entry.name for entry in target.iterdir() if not is_ours(entry))
-    if others and not force:
-        raise OSError(
-            errno.ENOTEMPTY,
-            f"{others[0]!r} in it is not of an export; name another folder, or give "
-            "--force to leave what is there and add to it",
-        )
-    return others
 
 
 def require_replaceable(path: Path) -> None:
