@@ -1,7 +1,4 @@
-"""Predictions of what a change of the step size does, against textbook recursions and marches."""
-
-import math
-from fractions import Fraction
+"""What changes of the step size do to errors of u, v and λ, as measured, and what is said of it."""
 
 import numpy as np
 import pandas as pd
@@ -10,117 +7,6 @@ from each import each
 from scipy.integrate import solve_ivp
 
 import newmark_cli as newmark
-from newmark_cli.newmark.changes import NOTHING, POSITION, VELOCITY, Model, orders, transient
-from newmark_cli.newmark.formulation import Formulation, Projection
-from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark, parse
-from newmark_cli.newmark.steps import Alternate, Change, Random
-from newmark_cli.newmark.steps import parse as parse_sequence
-
-
-def by_alpha(alpha_m, alpha_f, rule, steps=40):
-    """|v' − x''| of generalized-α on x = t³/6, prescribed, in steps of 1 and then of 1/2."""
-    gamma = Fraction(1, 2) + alpha_f - alpha_m
-    beta = (gamma + Fraction(1, 2)) ** 2 / 4
-    if alpha_m == 0:
-        beta, gamma = (1 + alpha_f) ** 2 / 4, Fraction(1, 2) + alpha_f
-    # What steps of 1 leave: v off by (γ/2 − β − 1/12) h² x‴, a by (1/2 − γ) h x‴.
-    v, a, true, x, t, h = (
-        gamma / 2 - beta - Fraction(1, 12),
-        Fraction(1, 2) - gamma,
-        Fraction(0),
-        Fraction(0),
-        Fraction(0),
-        Fraction(1, 2),
-    )
-    a = {"keep": a, "restart": true}.get(rule, true + h * (a - true))
-    v = v * h**2 if rule == "rescale-velocity" else v
-    found = []
-    for _ in range(steps):
-        t += h
-        new = (t**3 / 6 - x - h * v - h * h * (Fraction(1, 2) - beta) * a) / (beta * h * h)
-        v += h * ((1 - gamma) * a + gamma * new)
-        true = ((1 - alpha_m) * new + alpha_m * a - alpha_f * true) / (1 - alpha_f)
-        x, a = t**3 / 6, new
-        found.append(abs(true - t))
-    return found
-
-
-@each("rule", ("keep", "rescale", "restart", "rescale-velocity"))
-@each(
-    "integrator, alpha_m, alpha_f",
-    [
-        (GeneralizedAlpha(0.9), Fraction(8, 19), Fraction(9, 19)),
-        (GeneralizedAlpha(0.5), Fraction(0), Fraction(1, 3)),
-        (HHT(0.1), Fraction(0), Fraction(1, 10)),
-        (Newmark(), Fraction(0), Fraction(0)),
-    ],
-)
-def test_jump_and_decay(integrator, alpha_m, alpha_f, rule):
-    """λ after h → h/2 in index 3: its size, and the steps to a hundredth, in exact fractions."""
-    exact = by_alpha(alpha_m, alpha_f, rule, 150)
-    if isinstance(integrator, GeneralizedAlpha) and integrator.rho == 0.5:
-        exact = by_half(rule)
-    found = transient(Model(integrator, rule, POSITION), 0.5)
-    if rule == "rescale-velocity":
-        assert found.order == 2
-        assert max(exact[:40]) == 0
-        return
-    assert found.order == 1
-    assert found.size == pytest.approx(float(max(exact[:40])), rel=1e-9)
-    if isinstance(integrator, Newmark):
-        assert found.size == pytest.approx(20)
-        assert found.steps == math.inf
-    else:
-        last = max(k for k, off in enumerate(exact) if off > max(exact) / 100)
-        assert found.steps == last + 1
-
-
-def by_half(rule):
-    """ρ∞ = 1/2 has α_m = 0 as HHT has, but other β and γ."""
-    shifted = Fraction(1, 10**30)
-    return by_alpha(shifted - shifted, Fraction(1, 3), rule, 150)
-
-
-def slope_at_end(times, values):
-    """Derivative of the parabola through three points at the last."""
-    (r, s, t), (f, g, k) = times, values
-    first, second = (g - f) / (s - r), (k - g) / (t - s)
-    return second + (t - s) * (second - first) / (t - r)
-
-
-@each("change", (Fraction(1, 2), Fraction(2), Fraction(5, 4)))
-def test_backward_differences(change):
-    """Index 3 of BDF2 and BDF1 by divided differences; v of BDF2 is off at three steps only."""
-    times = [Fraction(k) for k in range(-8, 1)]
-    times += [change * k for k in range(1, 41)]
-    x = [t**3 / 6 for t in times]
-    v = [slope_at_end(times[k : k + 3], x[k : k + 3]) for k in range(len(x) - 2)]
-    w = [slope_at_end(times[k + 2 : k + 5], v[k : k + 3]) for k in range(len(v) - 2)]
-    off = [abs(a - t) for a, t in zip(w, times[4:], strict=True)][5:]
-    found = transient(Model(BDF2(), "keep", POSITION), float(change))
-    assert (found.order, found.steps) == (1, 3)
-    assert found.size == pytest.approx(float(max(off)))
-    assert off[3:] == [0] * 37
-    assert transient(Model(BDF2(), "rescale-velocity", POSITION), float(change)).order == 2
-    x = [t**2 / 2 for t in times]
-    v = [(x[k + 1] - x[k]) / (times[k + 1] - times[k]) for k in range(len(x) - 1)]
-    w = [(v[k + 1] - v[k]) / (times[k + 2] - times[k + 1]) for k in range(len(v) - 1)]
-    found = transient(Model(BDF1(), "keep", POSITION), float(change))
-    assert (found.order, found.steps) == (0, 1)
-    assert found.size == pytest.approx(float(max(abs(a - 1) for a in w)))
-    assert transient(Model(BDF1(), "rescale-velocity", POSITION), float(change)).order == 1
-
-
-@each("rho", (0.3, 0.5, 0.8, 0.9, 0.99))
-def test_decay_is_the_spectral_radius_at_infinity(rho):
-    """ρ∞ of generalized-α, a multiple root; (1 − α)/(1 + α) of HHT; 1 of the trapezoidal rule."""
-    assert Model(GeneralizedAlpha(rho), "keep", POSITION).decay == pytest.approx(rho, abs=1e-4)
-    alpha = 0.3 * rho
-    found = Model(HHT(alpha), "keep", POSITION).decay
-    assert found == pytest.approx((1 - alpha) / (1 + alpha), abs=1e-4)
-    assert Model(Newmark(), "keep", VELOCITY).decay == pytest.approx(1)
-    assert Model(Newmark(), "keep", NOTHING).decay == pytest.approx(0)
-
 
 THROWN = {
     "points": {"O": {"fixed": (0, 0)}, "P": {"at": (1, 0), "velocity": (0, -1), "mass": 1}},
@@ -170,13 +56,7 @@ CASES = [
 def test_orders_of_changes_that_recur(
     integrator, formulation, projection, auxiliary, sequence, of_v, of_lambda
 ):
-    """As predicted, and as measured on a pendulum; constants of generalized-α are small."""
-    reported = "recovered" if projection != "none" else "newton"
-    predicted = orders(
-        parse(integrator), Formulation(formulation), Projection(projection), reported, auxiliary,
-        parse_sequence(sequence),
-    )  # fmt: skip
-    assert predicted == (of_v, of_lambda)
+    """As measured on a pendulum; constants of generalized-α are small."""
     how = {
         "integrator": integrator, "formulation": formulation, "projection": projection,
         "auxiliary": auxiliary,
@@ -188,36 +68,29 @@ def test_orders_of_changes_that_recur(
 
 def test_a_rescaled_acceleration_alone_may_resonate():
     """Five steps of 2h, five of h/2, ρ∞ = 0.9: λ grows without bound, but not if v is scaled."""
-    sequence = Alternate((2.0, 0.5), 5)
-    how = (GeneralizedAlpha(0.9), Formulation(), Projection(), "newton")
-    assert orders(*how, "rescale", sequence)[1] == -math.inf
-    assert orders(*how, "rescale-velocity", sequence) == (2, 2)
-    how = {"integrator": "generalized-alpha rho=0.9"}
+    sequence, how = "alternate 2.0 0.5 every 5", {"integrator": "generalized-alpha rho=0.9"}
     with pytest.warns(newmark.NewmarkWarning, match="the march is unstable"):
-        grown = errors(1e-3, sequence.label, auxiliary="rescale", **how)[1]
-    cured = errors(1e-3, sequence.label, auxiliary="rescale-velocity", **how)[1]
+        grown = errors(1e-3, sequence, auxiliary="rescale", **how)[1]
+    cured = errors(1e-3, sequence, auxiliary="rescale-velocity", **how)[1]
     assert grown > 1e3 > 1e-2 > cured
-
-
-def test_what_random_changes_leave_walks():
-    """Without damping λ keeps what each change leaves, of random signs: half an order less."""
-    how = (Newmark(), Formulation("ggl"), Projection(), "newton", "keep")
-    assert orders(*how, Random((0.5, 2.0), 5)) == (2, 1.5)
-    assert orders(*how, Change(0.5, 1.0)) == (2, 2)
 
 
 @pytest.mark.usefixtures("few_draws")
 @each(
     "integrator, formulation, told",
     [
-        ("generalized-alpha rho=0.9", "index-3", "a hundredth of that 88 steps later"),
-        ("bdf2", "index-3", "a hundredth of that 3 steps later"),
+        ("generalized-alpha rho=0.9", "index-3", "multiply a − v' by h_new/h and what v misses"),
+        (
+            "bdf2",
+            "index-3",
+            "for some steps. To keep it multiply what v misses of Gᵀv + Φ_t = 0 by h_new (h",
+        ),
         ("trapezoidal", "index-3", "alternates for good"),
         ("generalized-alpha rho=0.9", "ggl", "multiply a − v' by h_new/h"),
         ("bdf2", "index-2", None),
     ],
 )
-def test_advice_says_how_long_a_transient_lasts(integrator, formulation, told):
+def test_advice_says_what_keeps_the_order(integrator, formulation, told):
     """And nothing where there is none."""
     advice = newmark.advise("pendulum", h=1e-3, integrator=integrator, formulation=formulation)
     found = [text for text in advice.findings if text.startswith("when your code changes h")]
@@ -235,11 +108,13 @@ auxiliary: [rescale-velocity, keep]
 measure: [error, transient]
 h: [1e-2, 5e-3, 2.5e-3]
 t_end: 1.5
+expect:
+  - {measure: transient, quantity: lambda, auxiliary: keep, slope: 1}
 """
 
 
 def test_errors_after_a_change_in_a_study(cli):
-    """Orders 2 and 1 of λ, as `check` predicts; the error at the end does not show it."""
+    """Orders 2 and 1 of λ; the error at the end does not show it."""
     cli.write("behind.yaml", STUDY)
     cli("run", "behind.yaml")
     rows = pd.read_csv(cli.folder / "results" / "behind.csv").query("quantity == 'lambda'")
@@ -249,4 +124,6 @@ def test_errors_after_a_change_in_a_study(cli):
         at_end = of_series[of_series.measure == "error"].sort_values("h")["last"].to_numpy()
         assert np.log2(behind[-1] / behind[0]) / 2 == pytest.approx(order, abs=0.15)
         assert np.log2(at_end[-1] / at_end[0]) / 2 == pytest.approx(2, abs=0.15)
-    assert "12 of 12 slopes as predicted" in cli("check", "behind").stdout
+    told = cli("check", "behind").stdout
+    assert "11 of 11 slopes as predicted" in told
+    assert "1 of 1 expectations hold" in told

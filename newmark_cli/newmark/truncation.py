@@ -6,9 +6,7 @@ NaN for what theory says nothing of.
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
-from newmark_cli.newmark import changes
 from newmark_cli.newmark.formulation import (
     CORRECTED,
     NEWTON,
@@ -90,30 +88,20 @@ class March:
         if isinstance(self.sequence, Change):
             # What one change leaves behind has died out, or alternates.
             return UNKNOWN if self._alternation_fed and quantity == "lambda" else order
-        of_state, of_multipliers = self._after_changes
-        if quantity == "lambda" and of_multipliers < of_state:
-            return UNKNOWN  # it depends on how many steps ago h changed last
-        return min(order, self._after(quantity))
+        return UNKNOWN  # sizes and their order decide what changes that recur add up to
 
     def transient(self, quantity: str) -> float:
         """Order of the largest error of u, v or λ in the first steps after a change."""
-        if not self.settles or (self.formulation.scheduled and quantity == "lambda"):
+        once = isinstance(self.sequence, Change)
+        if not self.settles or not (once or self.sequence == CONSTANT):
             return UNKNOWN
-        if quantity == "lambda" and self.alternates and not self.corrected:
-            return UNKNOWN
-        return min(float(self.order), self._after(quantity))
-
-    @cached_property
-    def _after_changes(self) -> tuple[float, float]:
-        """Orders of u and v, and of λ; see `newmark_cli.newmark.changes.orders`."""
-        return changes.orders(
-            self.integrator, self.formulation, self.projection, self.reported, self.auxiliary,
-            self.sequence,
-        )  # fmt: skip
-
-    def _after(self, quantity: str) -> float:
-        order = self._after_changes[quantity == "lambda"]
-        return order if math.isfinite(order) else UNKNOWN
+        if quantity == "lambda":
+            if self.formulation.scheduled or (self.alternates and not self.corrected):
+                return UNKNOWN
+            fed = once and self.auxiliary != RESCALE_VELOCITY
+            if not self.recovers and (fed or (self.by_position and self.projection.level)):
+                return UNKNOWN
+        return float(self.order)
 
     @property
     def _alternation_fed(self) -> bool:
