@@ -484,7 +484,7 @@ def pendulum(**more):
     (lambda: pendulum(integrator="trapezoid"), "integrator: unknown method"),
     (lambda: pendulum(integrator="hht alpha=0.5"), "integrator: alpha: alpha = 0.5: must be"),
     (lambda: pendulum(precision="float32", linear_solver="sparse-lu"), "precision: float32 needs"),
-    (lambda: pendulum(linear_solver="minres", scaling="left"), "minres"),
+    (lambda: pendulum(linear_solver="minres"), "unknown linear_solver 'minres'; it is gone: take"),
     (lambda: pendulum(linear_solver="static-lu", formulation="ggl"), "solves index 3 without"),
     (lambda: pendulum(linear_solver="static-lu", projection="velocity"), "solves index 3"),
     (lambda: pendulum(linear_solver="static-lu", precision="float32"), "needs dense-lu"),

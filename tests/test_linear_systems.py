@@ -140,6 +140,6 @@ def test_what_no_systems_are_to_be_had_of(options, message):
 def test_the_command_that_wrote_them_says_what_to_do(cli):
     line = cli.refused("export", "andrews", "--h", "1e-6")
     assert line == (
-        "newmark-study: No command 'export' any more; newmark_cli.linear_systems gives the systems "
-        "and scipy.io.mmwrite writes them, see docs/linear-systems.md"
+        "newmark-study: No such command 'export'; it is gone: newmark_cli.linear_systems gives the "
+        "systems and scipy.io.mmwrite writes them, see docs/linear-systems.md"
     )

@@ -106,8 +106,12 @@ def test_plausible_mechanisms_are_not_doubted(name):
     assert newmark.problem(PLAUSIBLE[name]).doubts == ()
 
 
+@pytest.mark.filterwarnings("ignore::newmark_cli.NewmarkWarning")
 def test_nothing_that_is_shipped_or_documented_is_doubted():
-    """Shipped mechanisms, the examples, and every mechanism that a page shows as a file."""
+    """Shipped mechanisms, the examples, and every mechanism that a page shows as a file.
+
+    All but a rod of 1e-9 kg m², which is shown because such a part is marched wrongly.
+    """
     for name in PROBLEMS:
         assert newmark.problem(name).doubts == ()
     shown = [block.text for page in pages().values() for block in blocks(page) if block.title]
@@ -117,13 +121,14 @@ def test_nothing_that_is_shipped_or_documented_is_doubted():
         for text in shown
         if re.search("^(points|bodies):", text, re.M)
     ]
-    valid = 0
+    valid, doubted = 0, []
     for mechanism in found:
         mechanism.pop("python_forces", None)
         with contextlib.suppress(newmark.DocumentError):  # some pages show mistakes
-            assert newmark.problem(mechanism).doubts == ()
+            doubted += newmark.problem(mechanism).doubts
             valid += 1
     assert valid > 5
+    assert ["other inertias, 1e-09 kg" in doubt for doubt in doubted] == [True]
 
 
 def changed(name, *path, value):

@@ -22,7 +22,7 @@ from newmark_cli.cli import (
     screen,
 )
 from newmark_cli.cli.streams import UNREAD, OutputError
-from newmark_cli.support import compiling, gone
+from newmark_cli.support import compiling
 from newmark_cli.support.errors import ExecutorError, InputError
 from newmark_cli.support.spelling import nearest
 
@@ -38,8 +38,6 @@ class _Commands(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if not (ctx.resilient_parsing or args[0].startswith("-") or args[0] in self.commands):
-            if instead := gone.COMMANDS.get(args[0]):
-                raise click.UsageError(f"No command {args[0]!r} any more; {instead}")
             raise click.UsageError(f"No such command {args[0]!r}{nearest(args[0], self.commands)}")
         return super().resolve_command(ctx, args)
 

@@ -314,8 +314,8 @@ def march(
             ``"rescale-velocity"`` also scales the velocity across the constraints, with q² in
             most integrators: the only one with which λ of index 3 keeps its order.
         linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"static-lu"``,
-            ``"gmres"``, ``"minres"``.
-        krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES and MINRES.
+            ``"gmres"``.
+        krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES.
         stop: ``{"absolute": 1e-8}`` or ``{"relative": 1e-8}``: size of the scaled
             correction at which Newton's iteration stops; ``{"test": "residual", "relative":
             1e-8}`` of the residual, against the step's first; ``{"lambda": {"relative":

@@ -24,7 +24,7 @@ from newmark_cli.problems.starting import constraint_jerk, corrected_velocity
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most steps between two signs of life; an interrupt waits for no longer.
-_STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1, choice.MINRES: 1}
+_STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1}
 #: Most of static elimination: a fraction of a second, by its operations.
 _STATIC_OPERATIONS = 2e7
 #: Most numbers that are recorded between two halts.

@@ -194,12 +194,9 @@ def krylov(system: KrylovSystem, iterations: Sequence[int]) -> int:
     """Operations of Krylov solves with so many iterations each.
 
     Iteration j of GMRES has a product with J̄ and orthogonalises twice against j vectors; the
-    solution is then put together from them.  One of MINRES has two products, the second for
-    the residual by which it is stopped, and ten combinations and products of vectors.
+    solution is then put together from them.
     """
     size, product = system.size, 2 * len(system.rows)
-    if system.symmetric:
-        return sum(count * (2 * product + 20 * size) for count in iterations)
     return sum(
         count * (product + 2 * size) + 4 * size * count * (count + 1) for count in iterations
     )

@@ -28,7 +28,7 @@ from newmark_cli.newmark.formulation import (
 )
 from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
 from newmark_cli.newmark.kept import Kept
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, MINRES, Krylov, choose
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, Krylov, choose
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.newmark.scheme import DIRECT, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
@@ -196,7 +196,7 @@ class Cell:
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
         "with `static-lu` up to 300 unknowns, else estimated in the 1-norm; last bits are the same "
-        "on every processor but with `sparse-lu` and `minres`",
+        "on every processor but with `sparse-lu`",
     )
     formulation: Formulation = axis(
         write=lambda cell: cell.formulation.label,
@@ -322,7 +322,7 @@ class Cell:
         default=3,
     )
     krylov: Krylov | None = setting(
-        "when gmres and minres stop",
+        "when gmres stops",
         column=False,
         initial=None,
         config=lambda keys: keys.KrylovConfig,
@@ -495,7 +495,7 @@ def values(case: Any) -> dict[str, tuple[Any, ...]]:
 def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
     """When a Krylov solver stops; None for other solvers, whose cells do not depend on it."""
     options: Krylov = case.krylov.value()
-    return options if linear_solver in (GMRES, MINRES) else None
+    return options if linear_solver == GMRES else None
 
 
 def kept_of(case: Any) -> Kept | None:

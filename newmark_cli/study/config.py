@@ -9,7 +9,6 @@ from itertools import chain, product, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from pydantic import BeforeValidator, Field, PrivateAttr, create_model
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
@@ -23,7 +22,6 @@ from newmark_cli.mechanisms.spec import (
     Traits,
     is_code,
     with_ending,
-    with_problem,
 )
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import is_formulated
@@ -31,15 +29,13 @@ from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
-    GMRES,
-    MINRES,
     PIVOTED_UP_TO,
     SPARSE,
     STATIC,
     choose,
 )
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
-from newmark_cli.newmark.scheme import COMPENSATED, Scheme
+from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import axes, drawing, expecting, fitting, keys
@@ -51,7 +47,6 @@ from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
 from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
 from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents
-from newmark_cli.support.apart import ApartError
 from newmark_cli.support.documents import (
     Document,
     DocumentError,
@@ -162,20 +157,15 @@ class _Rules(RuledModel):
         yield from self._beyond()
         if not (
             COMPENSATED in self.evaluation
-            or {MINRES, STATIC} & set(self.linear_solver)
+            or STATIC in self.linear_solver
             or "float32" in self.precision
         ):
             return
-        looked_at: list[Problem] = []
         names = ["form", "formulation", "projection", "evaluation", "precision", "linear_solver"]
         for spec in self.problem:
             traits = spec.traits()
             for at in self._combinations(*names):
                 yield from starmap(misfit, fitting.of_problem(traits, traits.sample, at))
-            # Members of one family have one sample, and there may be a thousand.
-            if MINRES in self.linear_solver and all(traits.sample is not p for p in looked_at):
-                looked_at.append(traits.sample)
-                yield from self._asymmetric(spec, traits.sample)
 
     def _combinations(self, *names: str) -> Iterator[dict[str, Any]]:
         """Every combination of the values along some axes."""
@@ -220,39 +210,6 @@ class _Rules(RuledModel):
         if end is None:
             return []
         return [(how, h, steps_until(end, h, how)) for how, h in every if end / h <= MOST_STEPS]
-
-    def _asymmetric(self, spec: ProblemSpec, sample: Problem) -> Iterator[PydanticCustomError]:
-        from newmark_cli.newmark.linear.krylov import is_symmetric  # which takes scipy
-
-        for at in self._combinations("form", "formulation", "preconditioning", "integrator"):
-            chosen, variant = at["formulation"], at["preconditioning"]
-            formulated = chosen.applied(FORMS[at["form"]])
-            scheme = Scheme(
-                at["integrator"],
-                formulated,
-                variant.scaling(formulated),
-                self.h[0],
-                formulation=chosen,
-            )
-            try:
-                if is_code(spec):
-                    symmetric = with_problem(spec, is_symmetric, scheme)
-                else:
-                    with np.errstate(over="raise"):
-                        symmetric = is_symmetric(sample, scheme)
-            except ApartError as error:
-                yield misfit("linear_solver", f"{MINRES}: the matrix of {spec.label}: {error}")
-                return
-            except ArithmeticError:
-                yield misfit("h", f"too large or too small, given {self.h[0]:g}")
-                return
-            if not symmetric:
-                yield misfit(
-                    "linear_solver",
-                    f"{MINRES}: the matrix of {spec.label}, {formulated.described}, "
-                    f"{variant.name} is not "
-                    f"symmetric; take {GMRES}",
-                )
 
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""

@@ -599,7 +599,7 @@ class StopConfig(Valued):
 
 
 class KrylovConfig(Valued):
-    """How far GMRES and MINRES go."""
+    """How far GMRES goes."""
 
     tolerance: Positive = Field(
         Krylov().tolerance, lt=1, description="relative residual to reach, in balanced rows"

@@ -22,7 +22,7 @@ from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
-from newmark_cli.newmark.linear.choice import GMRES, MINRES
+from newmark_cli.newmark.linear.choice import GMRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, Scaling
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
@@ -883,7 +883,7 @@ KRYLOV = Measure(
         ),
     ),
     _Krylov,
-    solvers=(GMRES, MINRES),
+    solvers=(GMRES,),
 )
 
 

@@ -13,6 +13,12 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
         "guess": ("absolute", "Newton starts each step from u + h v and the last lambda"),
         "tangent": ("absolute", "the tangent is the full one"),
         "scaled-residual": ("residual", "take test: residual, or scale absolute and relative"),
+        "minres": ("gmres", "take gmres"),
+        "export": (
+            "run",
+            "newmark_cli.linear_systems gives the systems and scipy.io.mmwrite writes them, see "
+            "docs/linear-systems.md",
+        ),
         **dict.fromkeys(("21", "22"), ("20", "the study stopping, which it showed, went")),
         "stopping": ("step-changes", "the page on studies says what `stop` can test"),
     }

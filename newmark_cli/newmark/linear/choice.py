@@ -9,9 +9,9 @@ from newmark_cli.newmark.forms import Form
 from newmark_cli.support.errors import InputError
 
 DENSE, SPARSE, STATIC = "dense-lu", "sparse-lu", "static-lu"
-GMRES, MINRES = "gmres", "minres"
+GMRES = "gmres"
 AUTO = "auto"
-LINEAR_SOLVERS = (AUTO, DENSE, SPARSE, STATIC, GMRES, MINRES)
+LINEAR_SOLVERS = (AUTO, DENSE, SPARSE, STATIC, GMRES)
 
 #: Most unknowns for which `AUTO` pivots where static elimination is possible: up to there the
 #: row exchanges are written out, too, and cost little.

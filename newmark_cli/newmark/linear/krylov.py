@@ -9,9 +9,6 @@ not: at h = 1e-6 rows D are 1e12 times rows C, and GMRES reports a residual of 1
 for 1000 random links after 14 iterations, 90 % of the constraints' still there.
 """
 
-from collections.abc import Callable
-from contextlib import suppress
-
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -22,44 +19,28 @@ from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.algebra import Factors, norm, product
-from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.errors import InputError
 
-#: Asymmetry of a pair of blocks, relative to the larger of them, that is rounding.
-_ROUNDING = 1e-12
 _EPS = float(np.finfo(float).eps)
 
 
 class KrylovSystem(SparseSystem):
     """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`.
 
-    GMRES (Saad & Schultz 1986) with its whole basis, which takes memory for
-    ``limit`` vectors, or MINRES (Paige & Saunders 1975), which takes a few and needs a
-    symmetric matrix: see `is_symmetric`.
+    GMRES (Saad & Schultz 1986) with its whole basis, which takes memory for ``limit`` vectors.
 
     Attributes:
         iterations: Iterations of each solve so far, failed ones included.
-        symmetric: Whether it is MINRES.
         residuals: ‖B(rhs − J̄ q̄)‖/‖B rhs‖ that each achieved, evaluated from its
             solution; B takes the scaled rows to balanced ones, and is 1 under the
             optimal scaling but for a factor β/γ in row D of the (v, λ) form.
     """
 
-    def __init__(
-        self, problem: Problem, scheme: Scheme, options: Krylov, symmetric: bool = False
-    ) -> None:
-        """GMRES, or MINRES of a J̄ that is symmetric, else an InputError."""
+    def __init__(self, problem: Problem, scheme: Scheme, options: Krylov) -> None:
+        """Take when to stop."""
         super().__init__(problem, scheme)
-        if symmetric and not _is_symmetric(self):
-            raise InputError(
-                f"linear_solver minres: the Jacobian of {problem.name}, {scheme.form.described}, "
-                f"preconditioning {scheme.scaling.name} is not symmetric; take gmres"
-            )
-        self.symmetric, self._options = symmetric, options
-        self._method: _Method = _minres if symmetric else _gmres
-        self._turn = _turn(self) if symmetric else np.ones(self.size)
+        self._options = options
         balanced, _ = balancing_factors(scheme, problem.n, problem.m)
         left, _ = scaling_factors(scheme, problem.n, problem.m)
         self._rows = balanced / left
@@ -68,7 +49,8 @@ class KrylovSystem(SparseSystem):
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; NaN, and not counted, where one of them is not finite."""
-        matrix = _matrix(self, values, self._turn, tangents)
+        entries = self.scaled_entries(values, tangents)
+        matrix = scipy.sparse.csr_array((entries, (self.rows, self.columns)), (self.size,) * 2)
         if not (np.all(np.isfinite(rhs)) and np.all(np.isfinite(matrix.data))):
             return np.full_like(rhs, np.nan)
         # Squares of what is solved for must not underflow.
@@ -76,7 +58,7 @@ class KrylovSystem(SparseSystem):
         target = rhs / unit
         size = norm(self._rows * target)
         wanted = self._options.tolerance * size
-        solution, iterations = self._method(matrix, target, self._rows, wanted, self._options.limit)
+        solution, iterations = _gmres(matrix, target, self._rows, wanted, self._options.limit)
         residual = norm(self._rows * (target - matrix @ solution))
         self.iterations.append(iterations)
         self.residuals.append(residual / (size or 1.0))
@@ -85,62 +67,7 @@ class KrylovSystem(SparseSystem):
                 f"residual {self.residuals[-1]:.1e} after {iterations} iterations, "
                 f"tolerance {self._options.tolerance:g}"
             )
-        return np.asarray(unit * self._turn * solution)
-
-
-def is_symmetric(problem: Problem, scheme: Scheme) -> bool:
-    """Whether J̄ is symmetric once the columns of λ have their signs turned.
-
-    So is [[M + βh²X, G], [Gᵀ, 0]] of the optimally scaled (u, λ) form where X is,
-    and Y is zero.  Blocks are compared at the initial coordinates and velocities,
-    each pair to 1e-12 of its largest entry; an X that is not symmetric, but less
-    than that beside M/(βh²), is nothing to the solver either.  The multipliers are
-    taken as 1, so that the constraints' part of X counts also where a problem starts
-    without constraint forces.
-    """
-    return _is_symmetric(SparseSystem(problem, scheme))
-
-
-def _is_symmetric(system: SparseSystem) -> bool:
-    problem = system.problem
-    values = problem.values(problem.t0, problem.u0, problem.v0, np.ones(problem.m))
-    tangents = None
-    if system.constraining:
-        start = problem.t0, problem.u0, problem.v0
-        accelerations, _ = Index1(problem).accelerations(*start)
-        tangents = system.constraining.tangents_at(*start, accelerations)
-    matrix = _matrix(system, values, _turn(system), tangents)
-    sizes_of = system.scheme.form.sizes(problem.n, problem.m)
-    block = np.repeat(np.arange(len(sizes_of)), sizes_of)
-
-    def largest(entries: scipy.sparse.csr_array) -> Array:
-        maxima = np.zeros((len(sizes_of), len(sizes_of)))
-        places = entries.tocoo()
-        np.maximum.at(maxima, (block[places.row], block[places.col]), np.abs(places.data))
-        return maxima
-
-    sizes = largest(matrix)
-    difference = largest(scipy.sparse.csr_array(matrix - matrix.T))
-    return bool(np.all(difference <= _ROUNDING * np.maximum(sizes, sizes.T)))
-
-
-def _turn(system: SparseSystem) -> Array:
-    """(size,) −1 for the multipliers, 1 for the other unknowns."""
-    turn = np.ones(system.size)
-    turn[len(system.scheme.form.kept) * system.problem.n :] = -1.0
-    return turn
-
-
-def _matrix(
-    system: SparseSystem, values: Values, columns: Array, tangents: Tangents | None = None
-) -> scipy.sparse.csr_array:
-    """J̄ with its columns multiplied by ``columns``; shape (size, size)."""
-    entries = system.scaled_entries(values, tangents) * columns[system.columns]
-    return scipy.sparse.csr_array((entries, (system.rows, system.columns)), (system.size,) * 2)
-
-
-#: Matrix, right-hand side, B, largest ‖B(rhs − A x)‖, most iterations → x and iterations.
-_Method = Callable[[scipy.sparse.csr_array, Array, Array, float, int], tuple[Array, int]]
+        return np.asarray(unit * solution)
 
 
 def _gmres(
@@ -211,29 +138,3 @@ def _gmres_cycle(
         return np.zeros_like(rhs), 1
     weights = Factors(triangle[:columns, :columns]).solve(size * rotations[:columns, 0])
     return product(weights, basis[:columns]), columns
-
-
-class _Reached(Exception):
-    """The residual meets the tolerance."""
-
-
-def _minres(
-    matrix: scipy.sparse.csr_array, rhs: Array, rows: Array, wanted: float, limit: int
-) -> tuple[Array, int]:
-    """MINRES of scipy, stopped by the residual in the rows asked for."""
-    # Its estimate of ‖A‖, by which it gives up, includes ‖rhs‖.
-    factor = norm(rhs) / float(np.max(np.abs(matrix.data)))
-    matrix = factor * matrix
-    solution, iterations = np.zeros_like(rhs), 0
-
-    def watch(x: Array) -> None:
-        nonlocal solution, iterations
-        solution, iterations = x, iterations + 1
-        if norm(rows * (rhs - matrix @ x)) <= wanted:
-            raise _Reached
-
-    # With no tolerance of its own it goes on until rounding ends it; it divides by zero
-    # where its basis has exhausted the range of a singular matrix.
-    with suppress(_Reached, ZeroDivisionError):
-        scipy.sparse.linalg.minres(matrix, rhs, rtol=0.0, maxiter=limit, callback=watch)
-    return factor * solution, iterations

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from newmark_cli.newmark.linear.choice import GMRES, MINRES, SPARSE, STATIC, Krylov
+from newmark_cli.newmark.linear.choice import GMRES, SPARSE, STATIC, Krylov
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.krylov import KrylovSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
@@ -20,13 +20,9 @@ _MOST_KNOWN = 100
 def system(
     linear_solver: str, problem: Problem, scheme: Scheme, krylov: Krylov | None = None
 ) -> LinearSystem:
-    """The linear system of a scheme on a problem, by one of `LINEAR_SOLVERS` but `AUTO`.
-
-    Raises:
-        InputError: When `MINRES` is asked for and J̄ is not symmetric.
-    """
-    if linear_solver in (GMRES, MINRES):
-        return KrylovSystem(problem, scheme, krylov or Krylov(), symmetric=linear_solver == MINRES)
+    """The linear system of a scheme on a problem, by one of `LINEAR_SOLVERS` but `AUTO`."""
+    if linear_solver == GMRES:
+        return KrylovSystem(problem, scheme, krylov or Krylov())
     if linear_solver == STATIC:
         return StaticSystem(problem, scheme)
     if linear_solver == SPARSE:

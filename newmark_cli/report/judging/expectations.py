@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.newmark.linear.choice import GMRES, MINRES
+from newmark_cli.newmark.linear.choice import GMRES
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders, gathered
@@ -280,7 +280,7 @@ def _floors(study: str, ours: Mapping[SeriesKey, Slope]) -> Iterator[Expected]:
     pairs = []
     for slope in ours.values():
         predicted = floor_of(slope.key)
-        direct = slope.measure == "correction" and slope.linear_solver not in (GMRES, MINRES)
+        direct = slope.measure == "correction" and slope.linear_solver != GMRES
         # Of a study of the user's, what its config says is asserted, and nothing else.
         if slope.shipped and direct and predicted is not None and predicted in ours:
             pairs.append((ours[predicted], slope))
