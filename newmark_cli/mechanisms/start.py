@@ -537,9 +537,8 @@ def _singular_here(
         moved = _on_constraints(problem, problem.u0 + direction)
         if np.abs(moved - problem.u0 - direction).max() > 0.1 * np.abs(direction).max():
             return True
-        gradient = gradient_of(problem, moved)
-        there = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
-        if problem.m - _null_space(there, _RANK_TOLERANCE_ASIDE).shape[1] > rank:
+        _, null = _null_at(problem, moved, _RANK_TOLERANCE_ASIDE)
+        if problem.m - null.shape[1] > rank:
             return True
     return False
 
