@@ -17,15 +17,17 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from compiled import compile_all, is_kept
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 from warm import SCRIPT, Warm
 
 from newmark_cli.support import processors
 
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
-settings.register_profile("project", deadline=None, derandomize="CI" in os.environ)
-settings.register_profile("fuzz", max_examples=20_000, deadline=None)
+#: A busy machine says nothing about the code.
+UNTIMED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("project", derandomize="CI" in os.environ, **UNTIMED)
+settings.register_profile("fuzz", max_examples=20_000, **UNTIMED)
 settings.load_profile("project")
 
 # In GitHub's workflows `check` prints more.
