@@ -615,7 +615,6 @@ def test_compensated_is_refused_with_angles():
         newmark.march(built(EPICYCLIC), h=1e-3, t_end=0.1, evaluation="compensated")
 
 
-@pytest.mark.filterwarnings("ignore:.*more than 300 times the other inertias")
 def test_what_alternates_spins_a_part_of_little_inertia(tmp_path):
     """The rod of the docs on a driven arm, beside the equation of its angle.
 

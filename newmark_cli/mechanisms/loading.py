@@ -73,10 +73,10 @@ def built(name: str, document: Document, code: Code | None = None) -> Problem:
         dimensions = document.data.get("dimensions", 2)
         if isinstance(dimensions, bool) or dimensions not in (2, 3):
             raise document.error(("dimensions",), f"must be 2 or 3, given {dimensions!r:.40}")
-    from newmark_cli.mechanisms import sizes
+    from newmark_cli.mechanisms import guess
 
     problem = _built(name, document, code)
-    return replace(problem, doubts=sizes.doubts(problem, document))
+    return replace(problem, doubts=guess.doubts(problem, document))
 
 
 def _built(name: str, document: Document, code: Code | None) -> Problem:
@@ -176,9 +176,9 @@ def assembled(problem: Problem) -> list[str]:
     mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
     if mechanism is None or not mechanism.assemble:
         return []
-    from newmark_cli.mechanisms import sizes
+    from newmark_cli.mechanisms import guess
 
-    moved, turned = sizes.guess(problem, mechanism).moved, {}
+    moved, turned = guess.guess(problem, mechanism).moved, {}
     if len(problem.axes) == 3:
         from newmark_cli.mechanisms.spatial_model import directors
 

@@ -142,7 +142,7 @@ class Problem:
         gaps: ``(t, u)`` → the largest gap of these, relative to the size of the mechanism, its
             constraint, and the largest of the others; None where none was dropped.
         until: Time (s) up to which the problem is given: the end of its shortest table.
-        doubts: Lines on sizes of a mechanism file that can hardly be meant.
+        doubts: Lines on a mechanism file that can hardly be meant.
         reached: ``(t, u, v)`` that raises `ContradictionError` where functions of the user's
             contradict each other at a state that a march has reached; None without any.
 
