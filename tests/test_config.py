@@ -153,8 +153,8 @@ MISTAKES = [
     ("pendulum", '"a\\0.yaml"', 2, "a\\x00.yaml: cannot be read: it is not a file name"),
     ("study: quick", 'study: "\\e[2J"', 1, "study: must be a name"),
     ("t_end: 1.0", 't_end: 1\n"\\a\\u2028\\u202e": 2', 7, "\\x07 \\u202e: unknown key"),
-    ("t_end: 1.0", "t_end: *end", 6, "*end refers to nothing"),
-    ("t_end: 1.0", "t_end: 1\n---\nstudy: two", 7, "more than one document"),
+    ("t_end: 1.0", "t_end: *end", 6, "not YAML: found undefined alias"),
+    ("t_end: 1.0", "t_end: 1\n---\nstudy: two", 7, "expected a single document"),
     ("t_end: 1.0", "t_end: 1\n? [a, b]\n: 2", 7, "a key must be plain text"),
 ]
 
@@ -183,7 +183,7 @@ def test_mistakes_are_located(tmp_path, old, new, line, words):
         (b"a: &x [*x, *x]", "line 1"),
         (b"a: " + b"[" * 5000, "line 1: nested too deeply"),
         (b"- " * 100_000, "line 1: nested too deeply"),
-        (b"".join(b"- &a%d [*a%d]\n" % (i + 1, i) for i in range(40)), "refers to nothing"),
+        (b"".join(b"- &a%d [*a%d]\n" % (i + 1, i) for i in range(40)), "found undefined alias"),
         (b"- &a0 x\n" + b"".join(b"- &a%d [*a%d]\n" % (i + 1, i) for i in range(40)), "too deeply"),
         (b"x: " + b"y" * 5_000_000, "larger than"),
     ],

@@ -395,17 +395,22 @@ def read(path: Path, name: str | None = None) -> Document:
 
 def parse(text: str, name: str) -> Document:
     """Parse YAML text; see :func:`read`."""
-    reader = _Reader(name, yaml.parse(text, Loader=_LOADER))
+    reader = _Reader(name)
     try:
-        return Document(name, reader.document(), reader.lines)
+        _require_shallow(text, name)
+        node = yaml.compose(text, Loader=_LOADER)
+        if node is None:
+            raise DocumentError(f"{name}, line 1: the file is empty")
+        return Document(name, reader.data(node, ()), reader.lines)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
-        if "nesting depth" in (error.problem or ""):
+        why = error.problem or "no reason given"
+        if "nesting depth" in why:
             raise DocumentError(f"{name}, line {line}: {_TOO_DEEP}") from None
-        raise DocumentError(
-            f"{name}, line {line}: not YAML: {one_line(error.problem or 'no reason given')}"
-        ) from None
+        if isinstance(error, yaml.composer.ComposerError) and error.context:
+            why = error.context.partition(";")[0]
+        raise DocumentError(f"{name}, line {line}: not YAML: {one_line(why)}") from None
     except yaml.reader.ReaderError as error:
         line = text.encode().count(b"\n", 0, error.position) + 1
         raise DocumentError(f"{name}, line {line}: not text: {error.reason}") from None
@@ -413,6 +418,16 @@ def parse(text: str, name: str) -> Document:
         if isinstance(error, DocumentError):
             raise
         raise DocumentError(f"{name}, line 1: not YAML: {type(error).__name__}") from None
+
+
+def _require_shallow(text: str, name: str) -> None:
+    """Refuse deep nesting before PyYAML composes it, which would overflow the stack."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_LOADER):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST + 1:
+            raise DocumentError(f"{name}, line {_line(event)}: {_TOO_DEEP}")
 
 
 def validate(
@@ -453,68 +468,29 @@ def validate(
 
 
 class _Reader:
-    """Turns the events of a parser into data, notes the line of each, and stops at no config.
+    """Turns YAML nodes into data, notes the line of each, and stops at no config.
 
-    PyYAML's own composers do not bound their recursion, and the one in C then overflows the
-    stack.  An alias reads the events of what it refers to again, so that limits hold for what
-    aliases expand to, too.
+    Aliases stand for the nodes that they refer to: limits hold for what they expand to, too.
     """
 
-    def __init__(self, name: str, events: Iterator[Any]) -> None:
-        self.name, self._events = name, events
+    def __init__(self, name: str) -> None:
+        self.name = name
         self.lines: dict[KeyPath, int] = {}
-        self._anchors: dict[str, list[Any]] = {}  # events; none of what is being read
         self._values = self._characters = 0
 
-    def document(self) -> Any:
-        """The one document of a file."""
-        data = missing = object()
-        for event in self._events:
-            if isinstance(event, yaml.DocumentStartEvent):
-                if data is not missing:
-                    raise self._error(event, "more than one document")
-                data = self._value(next(self._events), self._events, ())
-        if data is missing:
-            raise DocumentError(f"{self.name}, line 1: the file is empty")
-        return data
-
-    def _value(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
-        """Data of an event and those that belong to it."""
-        event, events = self._referred(event, events)
-        self.lines.setdefault(path, _line(event))
-        self._count(event)
+    def data(self, node: yaml.Node, path: KeyPath) -> Any:
+        """Data of a node."""
+        self.lines.setdefault(path, _line(node))
+        self._count(node)
         if len(path) > _DEEPEST:
-            raise self._error(event, _TOO_DEEP)
-        if event.anchor is None:
-            return self._content(event, events, path)
-        inside = list(_inside(event, events))
-        self._anchors[event.anchor] = []
-        data = self._content(event, iter(inside), path)
-        self._anchors[event.anchor] = [event, *inside]
-        return data
-
-    def _referred(self, event: Any, events: Iterator[Any]) -> tuple[Any, Iterator[Any]]:
-        """An event and its successors; for an alias, those it refers to."""
-        if not isinstance(event, yaml.AliasEvent):
-            return event, events
-        anchor = str(event.anchor)
-        if not self._anchors.get(anchor):
-            inside = anchor in self._anchors
-            why = "stands inside what it refers to" if inside else "refers to nothing"
-            raise self._error(event, f"*{anchor} {why}")
-        replayed = iter(self._anchors[anchor])
-        return next(replayed), replayed
-
-    def _content(self, event: Any, events: Iterator[Any], path: KeyPath) -> Any:
-        if isinstance(event, yaml.ScalarEvent):
-            return event.value if event.style else plain(event.value)
-        if isinstance(event, yaml.SequenceStartEvent):
-            items = enumerate(_until_end(events))
-            return [self._value(item, events, (*path, i)) for i, item in items]
+            raise self._error(node, _TOO_DEEP)
+        if isinstance(node, yaml.ScalarNode):
+            return node.value if node.style else plain(node.value)
+        if isinstance(node, yaml.SequenceNode):
+            return [self.data(item, (*path, i)) for i, item in enumerate(node.value)]
         mapping: dict[str, Any] = {}
-        for begun in _until_end(events):
-            key, _ = self._referred(begun, events)
-            if not isinstance(key, yaml.ScalarEvent):
+        for key, value in node.value:
+            if not isinstance(key, yaml.ScalarNode):
                 raise self._error(key, "a key must be plain text")
             self._count(key)
             name = key.value
@@ -522,45 +498,25 @@ class _Reader:
                 first = self.lines[(*path, name)]
                 message = f"duplicate key {_short(name)}, first given in line {first}"
                 raise self._error(key, message)
-            if key.anchor is not None:
-                self._anchors[key.anchor] = [key]
             self.lines[(*path, name)] = _line(key)
-            mapping[name] = self._value(next(events), events, (*path, name))
+            mapping[name] = self.data(value, (*path, name))
         return mapping
 
-    def _count(self, event: Any) -> None:
+    def _count(self, node: yaml.Node) -> None:
         self._values += 1
         if self._values > _MOST_VALUES:
-            raise self._error(event, _TOO_MANY)
-        if isinstance(event, yaml.ScalarEvent):
-            self._characters += len(event.value)
+            raise self._error(node, _TOO_MANY)
+        if isinstance(node, yaml.ScalarNode):
+            self._characters += len(node.value)
             if self._characters > _MOST_BYTES:
-                raise self._error(event, _TOO_LONG)
+                raise self._error(node, _TOO_LONG)
 
-    def _error(self, event: Any, message: str) -> DocumentError:
-        return DocumentError(f"{self.name}, line {_line(event)}: {one_line(message)}")
-
-
-def _line(event: Any) -> int:
-    return int(event.start_mark.line) + 1
+    def _error(self, node: yaml.Node, message: str) -> DocumentError:
+        return DocumentError(f"{self.name}, line {_line(node)}: {one_line(message)}")
 
 
-def _until_end(events: Iterator[Any]) -> Iterator[Any]:
-    """First events of a collection's entries; the caller reads each to its end."""
-    for event in events:
-        if isinstance(event, yaml.CollectionEndEvent):
-            return
-        yield event
-
-
-def _inside(event: Any, events: Iterator[Any]) -> Iterator[Any]:
-    """All events of a collection after its first."""
-    depth = int(isinstance(event, yaml.CollectionStartEvent))
-    while depth:
-        following = next(events)
-        depth += isinstance(following, yaml.CollectionStartEvent)
-        depth -= isinstance(following, yaml.CollectionEndEvent)
-        yield following
+def _line(place: Any) -> int:
+    return int(place.start_mark.line) + 1
 
 
 def plain(text: str) -> Any:
