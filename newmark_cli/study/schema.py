@@ -6,20 +6,19 @@ What ties keys together, and everything that is computed, is for `validate` to s
 import json
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
+
+from pydantic.json_schema import GenerateJsonSchema
 
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.study.axes import ALIASES
 from newmark_cli.study.config import MOST_CASES, Study
-from newmark_cli.support.json_schema import Generator, JsonSchema, with_definitions
-
-_WIDTH = 100
+from newmark_cli.support.json_schema import JsonSchema
 
 
 def config_schema() -> JsonSchema:
     """Of study configs: keys of a case stand at the top, in a list of cases, or in both."""
-    written = Study.model_json_schema(schema_generator=Generator)
+    written = Study.model_json_schema()
     definitions = written["$defs"]
     case = definitions["Case"]
     for key, value in case["properties"].items():
@@ -41,19 +40,19 @@ def config_schema() -> JsonSchema:
     }
     written["required"] = ["study"]
     written["anyOf"] = [{"required": ["cases"]}, {"required": needed}]
-    return with_definitions(written, "Study config of newmark-study")
+    return _titled(written, "Study config of newmark-study")
 
 
 def mechanism_schema() -> JsonSchema:
     """Of planar mechanism files."""
-    written = Mechanism.model_json_schema(schema_generator=Generator)
-    return with_definitions(written, "Mechanism file of newmark-study")
+    written = Mechanism.model_json_schema()
+    return _titled(written, "Mechanism file of newmark-study")
 
 
 def spatial_schema() -> JsonSchema:
     """Of spatial mechanism files."""
-    written = SpatialMechanism.model_json_schema(schema_generator=Generator)
-    return with_definitions(written, "Spatial mechanism file of newmark-study")
+    written = SpatialMechanism.model_json_schema()
+    return _titled(written, "Spatial mechanism file of newmark-study")
 
 
 SCHEMAS: Mapping[str, Callable[[], JsonSchema]] = MappingProxyType(
@@ -63,20 +62,9 @@ SCHEMAS: Mapping[str, Callable[[], JsonSchema]] = MappingProxyType(
 
 def text(kind: str) -> str:
     """One of `SCHEMAS` as `newmark-study schema` prints it."""
-    return _laid_out(SCHEMAS[kind]())
+    return json.dumps(SCHEMAS[kind](), ensure_ascii=False)
 
 
-def _laid_out(value: Any, indent: str = "", key: str = "") -> str:
-    """JSON in which what fits on a line stays on one line."""
-    line = indent + key + json.dumps(value, ensure_ascii=False)
-    if len(line) <= _WIDTH or not isinstance(value, dict | list):
-        return line
-    deeper = indent + "  "
-    if isinstance(value, dict):
-        parts = [
-            _laid_out(part, deeper, f"{json.dumps(name, ensure_ascii=False)}: ")
-            for name, part in value.items()
-        ]
-        return f"{indent}{key}{{\n" + ",\n".join(parts) + f"\n{indent}}}"
-    parts = [_laid_out(part, deeper) for part in value]
-    return f"{indent}{key}[\n" + ",\n".join(parts) + f"\n{indent}]"
+def _titled(written: JsonSchema, title: str) -> JsonSchema:
+    """What pydantic wrote, with its dialect and another title."""
+    return {"$schema": GenerateJsonSchema.schema_dialect, **written, "title": title}
