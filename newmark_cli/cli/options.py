@@ -3,7 +3,7 @@
 import functools
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -79,33 +79,19 @@ formulation_option = axis_option(
 )
 
 
-def axis_options(
-    options: Mapping[str, tuple[str, str, str]],
-) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Options that may be repeated: axis → metavar, help, and the section that completes it."""
-
-    def decorated(command: Callable[..., int]) -> Callable[..., int]:
-        for name, (metavar, text, section) in [*options.items()][::-1]:
-            option = axis_option(name, metavar, text, *filter(None, [section]), multiple=True)
-            command = option(command)
-        return command
-
-    return decorated
-
-
-#: Options of the commands that choose among the series of studies.
-choosing_options = axis_options({
-    "measure": (
-        "M", "Measure, such as correction; for `plot` also work-precision; may be repeated.", ""
-    ),
-    "quantity": ("Q", "Quantity, such as u or lambda; may be repeated.", ""),
-    "form": ("F", "Form; may be repeated.", "forms"),
-    "problem": ("P", "Problem; may be repeated.", "problems"),
-    "preconditioning": ("V", "Scaling; may be repeated.", "preconditioning"),
-    "integrator": (
-        "I", "Integrator, with or without its parameters; may be repeated.", "integrators"
-    ),
-})  # fmt: skip
+def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
+    """Options of the commands that choose among the series of studies; each may be repeated."""
+    for name, metavar, text, *section in (
+        ("integrator", "I", "Integrator, with or without its parameters", "integrators"),
+        ("preconditioning", "V", "Scaling", "preconditioning"),
+        ("problem", "P", "Problem", "problems"),
+        ("form", "F", "Form", "forms"),
+        ("quantity", "Q", "Quantity, such as u or lambda"),
+        ("measure", "M", "Measure, such as correction; for `plot` also work-precision"),
+    ):
+        option = axis_option(name, metavar, f"{text}; may be repeated.", *section, multiple=True)
+        command = option(command)
+    return command
 
 
 format_option = click.option(
