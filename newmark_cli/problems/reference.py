@@ -2,9 +2,9 @@
 
 The reference of any problem comes from its underlying ordinary differential
 equation, accelerations from the index-1 system, by the method of Dormand and
-Prince of order 8, and back on the constraints every few steps.  A motion that passes
-singular positions, where that system has no solution, is computed by collocation
-instead.  Neither shares code with the integrators that are measured.
+Prince of order 8, and back on the constraints every few steps.  It shares no code with the
+integrators that are measured.  It ends where the motion meets a singular position, at which
+that system has no solution.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,8 +13,9 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
-from newmark_cli.problems import collocation, multipliers, singular, user_code
+from newmark_cli.problems import multipliers, singular, user_code
 from newmark_cli.problems.dormand_prince import DormandPrince, StepVanishes
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -35,16 +36,13 @@ _STRETCH = 10
 _MOST_STEPS = 200_000
 #: Largest estimated error of u with which a solution is still one.
 _WORST = 1e-3
-#: Nodes of the steps across singular positions, and their tolerance, of the solution and
-#: of the one it is compared with.
-_ACROSS, _COARSE_ACROSS = (12, 1e-14), (10, 1e-13)
-#: How far the energy of such a solution may be from that of the start.
-_ENERGY = 1e-8
-#: A motion is at a singular position if the smallest singular value falls below this part
-#: of its largest value so far.
-_SINGULAR = 1e-4
-#: Distance of two solutions from which on one may have left its branch.
-_DOUBTFUL = 1e-8
+#: A motion is at a singular position if the smallest singular value falls below the first
+#: part of its largest value so far; close to one, if it stops there, below the second.
+_SINGULAR, _CLOSE = 1e-4, 0.1
+#: Samples of each step that may have passed a singular position.
+_FINER = 32
+#: Constraints that an error names.
+_MOST_NAMED = 8
 _EPS = float(np.finfo(float).eps)
 #: What is left of an estimate when all solutions agree: rounding of the state.
 _ROUNDING = 4 * _EPS
@@ -64,52 +62,54 @@ class NoReference(InputError):
     """A problem's motion cannot be computed up to the time that was asked for."""
 
 
-class _SingularError(Exception):
-    """The motion passes a singular position, or is about to."""
-
-
 class _Watch:
-    """Looks out for singular positions along the steps of a motion.
-
-    A motion of many unknowns, which is not followed through such positions, may pass
-    them by luck, as four-bars do that stay parallelograms: it ends only at one.
-
-    Attributes:
-        close: Whether one may have been passed: G changed by as much over a step as a
-            singular value of it is large.
-    """
+    """Looks out for singular positions along the steps of a motion."""
 
     def __init__(self, problem: Problem) -> None:
         self._problem = problem
-        self._small = problem.n + problem.m <= collocation.LARGEST
-        self._times, self._g = [problem.t0], [singular.gradient(problem, problem.t0, problem.u0)]
+        self._seen: list[tuple[float, Array, Array]] = []
         self._largest = 0.0
-        self.close = False
+        self.see(problem.t0, problem.u0, problem.v0)
 
-    def see(self, t: float, u: Array) -> None:
+    def see(self, t: float, u: Array, v: Array) -> None:
         """A state that a step has reached."""
-        self._times.append(t)
-        self._g.append(singular.gradient(self._problem, t, u))
+        self._seen.append((t, u, v))
 
-    def judge(self) -> None:
-        """Raise _SingularError if what was seen since the last time has a singular position."""
-        times, g = np.array(self._times), np.array(self._g)
+    def judge(self, is_stuck: bool = False) -> None:
+        """Require that what was seen since the last time has no singular position.
+
+        Raises:
+            NoReference: Names time and constraints.
+        """
+        times, u, v = map(np.array, zip(*self._seen, strict=True))
+        g = self._gradients(times, u)
         if not np.all(np.isfinite(g)):
             return
         least = np.linalg.svd(g, compute_uv=False)[:, -1]
         self._largest = max(self._largest, least.max())
-        changes = np.linalg.norm(np.diff(g, axis=0), axis=(1, 2))
-        self.close = self.close or bool(np.any(least[:-1] + least[1:] <= changes))
-        at_singular = least[-1] < _SINGULAR * self._largest
-        if at_singular and not self._small:
-            raise NoReference(
-                f"{self._problem.name}: no reference beyond t = {times[-1] - self._problem.t0:g}, "
-                f"where the constraints lose rank: a problem of more than {collocation.LARGEST} "
-                "coordinates and constraints is not followed through"
-            )
-        if self._small and (at_singular or singular.crossings(times, g)):
-            raise _SingularError
-        del self._times[:-2], self._g[:-2]
+        if singular.crossings(times, g):
+            finer = np.linspace(times[0], times[-1], _FINER * (len(times) - 1) + 1)
+            g = self._gradients(finer, CubicHermiteSpline(times, u, v)(finer))
+            # Next to long steps of G, which only look like one, there is none.
+            for t in singular.crossings(finer, g):
+                raise self._ends(t, g[np.argmin(np.abs(finer - t))])
+        if least[-1] < (_CLOSE if is_stuck else _SINGULAR) * self._largest:
+            raise self._ends(times[-1], g[-1])
+        del self._seen[:-2]
+
+    def _gradients(self, times: Array, positions: Array) -> Array:
+        states = zip(times.tolist(), positions, strict=True)
+        return np.array([singular.gradient(self._problem, t, u) for t, u in states])
+
+    def _ends(self, t: float, g: Array) -> NoReference:
+        names = singular.dependent(self._problem, g)
+        further = len(names) - _MOST_NAMED
+        listed = ", ".join(names[:_MOST_NAMED]) + (f" and {further} more" if further > 0 else "")
+        return NoReference(
+            f"{self._problem.name}: no reference beyond t = {t - self._problem.t0:g}, close to "
+            "which the motion meets a singular position, such as a dead centre, where these "
+            f"constraints depend on each other: {listed}; end before it"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +142,13 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     from differences there are two such solutions, with other steps of differences, as errors
     of these are nearly as large in all solutions; and what differences with still other
     steps change in v and λ at the end, |M⁻¹G S⁻¹| δΦ' and |S⁻¹| δΦ'' with S = GᵀM⁻¹G, is
-    added.  So is what the motion does while t changes by its rounding.  A motion that passes
-    singular positions is computed anew, by `newmark_cli.problems.collocation`, if it is
-    smooth there and the problem has at most `collocation.LARGEST` unknowns.  ``on_work`` is called
+    added.  So is what the motion does while t changes by its rounding.  ``on_work`` is called
     now and then; an exception that it raises ends the work.
 
     Raises:
-        NoReference: When the motion does not get there: the constraints lose rank
-            on the way and it is not smooth or not unique there, the step size vanishes,
-            there are too many steps, or it is so sensitive that rounding spoils it.
+        NoReference: When the motion does not get there: it meets a singular position, which is
+            looked for with at most `singular.LARGEST` unknowns, the step size vanishes, there
+            are too many steps, or it is so sensitive that rounding spoils it.
     """
     variants = _variants(problem)
     systems = [Index1(variant) for variant in variants]
@@ -158,10 +156,12 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     try:
         # A step that is much too long may overflow; what is not finite is not accepted.
         with np.errstate(all="ignore"):
-            try:
-                states, passage = _straight(systems[: 1 + _SHARED], end, on_work), ""
-            except _SingularError:
-                states, passage = _across(systems[: 1 + _SHARED], end, on_work)
+            states = [
+                _integrated(
+                    system, end, _COARSE if place else _TOLERANCE, on_work, _watch_of(problem)
+                )
+                for place, system in enumerate(systems[: 1 + _SHARED])
+            ]
         (u, v), *others = states
         of_state = [
             system.accelerations(end, *state)[1]
@@ -181,10 +181,9 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {reason}") from None
     u_error = max(relative_error(other[0], u) for other in others)
     if u_error > _WORST:
-        how = passage or f"with tolerances {_TOLERANCE:g} and {_COARSE:g} "
         raise NoReference(
             f"{problem.name}: no reference at t = {t:g}: the motion is so sensitive that its "
-            f"solutions {how}are {u_error:.1g} apart"
+            f"solutions with tolerances {_TOLERANCE:g} and {_COARSE:g} are {u_error:.1g} apart"
         )
     v_error = max(relative_error(other[1], v) for other in others)
     multipliers_error = max(
@@ -192,11 +191,6 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     )
     v_error += relative_error(v + changed[0], v)
     multipliers_error += multipliers.relative_error(of_state[0] + changed[1], of_state[0], scales)
-    if passage and not multipliers_error <= _WORST:
-        raise NoReference(
-            f"{problem.name}: no reference at t = {t:g}: the constraints nearly lose rank there, "
-            f"and λ is known to {multipliers_error:.1g} only"
-        )
     return Reference(
         t=t,
         u=u,
@@ -301,74 +295,8 @@ def _moved_by_rounding(system: Index1, t: float, u: Array, v: Array) -> tuple[Ar
 _State = tuple[Array, Array]
 
 
-def _straight(systems: Sequence[Index1], end: float, on_work: Callable[[], None]) -> list[_State]:
-    """The state at a time, and those of larger tolerance, by the index-1 systems.
-
-    Raises:
-        NoReference: See `solution`.
-        _SingularError: The motion passes a singular position, or may have done so and the
-            states differ.
-    """
-    problem = systems[0].problem
-    size = problem.n + problem.m
-    states: list[_State] = []
-    close = False
-    for system in systems:
-        tolerance = _COARSE if states else _TOLERANCE
-        watch = _Watch(problem) if size <= singular.LARGEST else None
-        try:
-            states.append(_integrated(system, end, tolerance, on_work, watch))
-        except (NoReference, np.linalg.LinAlgError):
-            if watch is not None:
-                watch.judge()
-                if watch.close and size <= collocation.LARGEST:
-                    raise _SingularError from None
-            raise
-        close = close or (watch is not None and watch.close)
-    differ = any(relative_error(coarse[0], states[0][0]) > _DOUBTFUL for coarse in states[1:])
-    if close and differ and size <= collocation.LARGEST:
-        raise _SingularError
-    return states
-
-
-def _across(
-    systems: Sequence[Index1], end: float, on_work: Callable[[], None]
-) -> tuple[list[_State], str]:
-    """The same through singular positions, and a phrase that says where they are.
-
-    Raises:
-        NoReference: The motion is not smooth there, or there is no telling.
-    """
-    problem = systems[0].problem
-    sizes = _initial_sizes(systems[0], end - problem.t0)
-    try:
-        fine, *coarse = (
-            collocation.motion(
-                problem, end, sizes, *(_COARSE_ACROSS if place else _ACROSS), system.projected,
-                on_work,
-            )
-            for place, system in enumerate(systems)
-        )  # fmt: skip
-    except collocation.NotSmoothError as error:
-        raise NoReference(
-            f"{problem.name}: no reference beyond t = {error.t - problem.t0:g}, close to "
-            f"which the constraints lose rank: {error}"
-        ) from None
-    where = f"{problem.name}: no reference at t = {end - problem.t0:g}"
-    before, after = (
-        problem.energies(*at)
-        for at in ((problem.t0, problem.u0, problem.v0), (end, fine.u, fine.v))
-    )
-    if before is not None and after is not None:
-        gained, released = after[0] - before[0], before[1] - after[1]
-        if not abs(gained - released) <= _ENERGY * (after[0] + before[0] + abs(released)):
-            raise NoReference(
-                f"{where}: the motion passes a position where the constraints lose rank, and its "
-                f"energy is not conserved: {gained:.9g} gained, {released:.9g} released"
-            )
-    first = fine.singular[0] - problem.t0 if fine.singular else end - problem.t0
-    passage = f"past the singular position at t = {first:g} "
-    return [(motion.u, motion.v) for motion in (fine, *coarse)], passage
+def _watch_of(problem: Problem) -> _Watch | None:
+    return _Watch(problem) if problem.n + problem.m <= singular.LARGEST else None
 
 
 def _integrated(
@@ -401,13 +329,17 @@ def _integrated(
         for _ in range(_STRETCH):
             try:
                 solver.step()
-            except StepVanishes:
+            except (StepVanishes, np.linalg.LinAlgError) as error:
+                if watch is not None:
+                    watch.judge(is_stuck=True)
+                if not isinstance(error, StepVanishes):
+                    raise
                 raise NoReference(
                     f"{problem.name}: no reference beyond t = {solver.t - problem.t0:g}, where "
                     "the step size vanishes: the motion or its constraints are singular there"
                 ) from None
             if watch is not None:
-                watch.see(solver.t, solver.y[:n])
+                watch.see(solver.t, solver.y[:n], solver.y[n:])
             if solver.t >= end:
                 break
         t, step = solver.t, solver.taken

@@ -171,6 +171,6 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
         return Facts()
     size = float(np.abs(problem.u0).max()) or 1.0
     return Facts(
-        tuple(float(f"{crossing.t:.4g}") for crossing in crossings),
+        tuple(float(f"{t:.4g}") for t in crossings),
         still=len(times) > 0 and fastest * t_end < _STILL * size,
     )
