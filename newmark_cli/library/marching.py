@@ -103,10 +103,7 @@ class Steps(Iterator[Step]):
         recorder, march = self._recorder, self._recorder.march
         halt = next(self._halts, None) if not self._over else None
         if halt is None:
-            if not self._over:
-                self._over = True
-                with _partial(recorder):
-                    march.compare()
+            self._over = True
             raise StopIteration
         self._room -= 1
         if self._room < 0:
@@ -116,7 +113,7 @@ class Steps(Iterator[Step]):
             )
         before = march.done
         with _partial(recorder):
-            for stretch in march.stretches(halt, recorder.stops(halt), ends=False):
+            for stretch in march.stretches(halt, recorder.stops(halt)):
                 recorder.took(stretch)
                 if recorder.reason:
                     break
@@ -354,9 +351,7 @@ def march(
     Raises:
         ArgumentError: For an argument of the wrong type, shape, size or name, and a start
             that misses the constraints.
-        ProblemError, DocumentError: When the problem, or a dict, cannot be used.  Where functions
-            of a Python problem contradict each other on the way, ``trajectory`` of the error has
-            what was marched until then.
+        ProblemError, DocumentError: When the problem, or a dict, cannot be used.
         IntegratorError, ScalingError, FormulationError: For parameters that give no usable
             scheme.
 

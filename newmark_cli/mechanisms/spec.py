@@ -275,7 +275,6 @@ def _description(spec: Code) -> Problem:
         derivatives=elsewhere,
         rates=elsewhere if problem.rates else None,
         potential=elsewhere if problem.potential else None,
-        reached=None,
     )
 
 

@@ -290,26 +290,21 @@ class March:
         return ending, taken, norms, iterations, positions
 
     def stretches(
-        self, steps: int, stops: Iterable[int] = (), looks: Sequence[int] = (), ends: bool = True
+        self, steps: int, stops: Iterable[int] = (), looks: Sequence[int] = ()
     ) -> Iterator[Stretch]:
         """Take steps, halting where somebody looks, and recording states on the way.
 
-        Where it halts does not change the march by a bit.  Functions of the user's are
-        compared with each other after 1, 2, 4, … steps, and at the end.
+        Where it halts does not change the march by a bit.
 
         Args:
             steps: Step at which the march is over, counted from the start.
             stops: Steps after which it halts, besides halts that keep every stretch short.
             looks: Steps whose states are recorded, which takes no halt; ascending, and as
                 a range they may be many.
-            ends: Whether that step is the end, and not one of many that are asked for in turn.
 
         Yields:
             What was recorded since the last halt, of bounded size; the march stands at
             its end.
-
-        Raises:
-            ContradictionError: Functions of the user's contradict each other.
         """
         longest = self._longest
         if len(looks):
@@ -318,25 +313,13 @@ class March:
         regular = range(self.done + longest, steps, longest)
         # A range may be long, and is in order.
         ordered = stops if isinstance(stops, range) else sorted(stops)
-        compared = [1 << k for k in range(steps.bit_length())] if self.problem.reached else []
-        for halt in merge(regular, ordered, compared, (steps,)):
+        for halt in merge(regular, ordered, (steps,)):
             if not self.done < halt <= steps:
                 continue
             here = slice(bisect_right(looks, self.done), bisect_right(looks, halt))
             yield self.advance(halt - self.done, looks[here])
             if self.ending != COMPLETED:
                 return
-            if halt in compared or (ends and halt == steps):
-                self.compare()
-
-    def compare(self) -> None:
-        """Compare functions of the user's with each other where the march stands.
-
-        Raises:
-            ContradictionError: They contradict each other.
-        """
-        if self.problem.reached:
-            self.problem.reached(self.t, *self.here.fields[:2])
 
     def recorded(self, steps: int, looks: Sequence[int]) -> Iterator[Stretch]:
         """Take steps, recording some of their states on the way, which takes no halt.

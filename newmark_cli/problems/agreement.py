@@ -9,13 +9,14 @@ states in which the function has no value or no derivative decide nothing.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from newmark_cli.problems import user_code
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import ContradictionError, Problem, ProblemError
+from newmark_cli.problems.problem import ContradictionError, Problem
 from newmark_cli.support.arrays import Array, Mask
 
 #: Ratio of a step to the next, and how many there are; the longest, relative to the
@@ -29,32 +30,34 @@ _TOLERANCE, _NOTHING = 1e-5, 1e-10
 _IN_A_ROW, _SETTLED, _NEARER = 4, 0.1, 0.25
 #: Differences of a function, relative to it, that may be nothing but rounding.
 _ROUNDING = 1e-13
-#: Coordinates next to the start differ from it by this part, or less where Φ bends.
-_NEAR = 1e-2
+#: How far states next to the start are from it, relative to the coordinates: the first distance
+#: from which Newton's method finds the constraints; and the largest gap that it may leave.
+_NEAR, _MET = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8), 1e-9
+
+_State = tuple[float, Array, Array]
 
 
 class _Part(NamedTuple):
-    """A derivative of a function of one number at 0."""
+    """A function of one number, whose derivative at 0 is asked for."""
 
     function: Callable[[float], Any]
     longest: float  #: the longest step
-    order: int = 1
 
 
-class _Wrong(NamedTuple):
-    """What is wrong in a function, with the values that show it."""
+class _Claim(NamedTuple):
+    """Given numbers, (k,), that should be the sums of the derivatives of the parts."""
 
     key: str
-    what: str
-    values: str
-
-
-_Comparison = Callable[[float, Array, Array], Iterator[_Wrong]]
+    given: Array
+    parts: Sequence[_Part]
+    nothing: Array  #: (k,) differences that do not count
+    index: Callable[[int], Sequence[Any]]  #: of a number in what the function returns
+    first: int = _FIRST  #: number of the step that is tried first
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """What a definition says twice, to be compared at any state."""
+    """What a definition says twice."""
 
     problem: Problem
     functions: Mapping[str, Any]  #: ``force``, ``constraints`` and ``gradient``
@@ -62,91 +65,76 @@ class Agreement:
     restated: Mapping[str, Any]
     named: Callable[[str], str]  #: how errors name a function
 
-    def reached(self, t: float, u: Array, v: Array) -> None:
-        """Compare at the position and velocity on the constraints next to a state of a march.
+    def require(self) -> None:
+        """Compare at the start, and at two states next to it, where terms show that vanish there.
+
+        G first: what else is right would seem wrong with it.
 
         Raises:
             ContradictionError: Names function, entry, time, and both values.
         """
         with np.errstate(all="ignore"):
-            if (state := self._onto(t, u, v)) is not None:
-                of_all = (self._of_gradient, self._of_tangents, self._of_rows, self._of_energy)
-                self._compare(of_all, t, *state, f"at t = {t:.9g}", ContradictionError)
+            states = [*self._states()]
+            for chosen in ((self._of_gradient,), (self._of_tangents, self._of_rows)):
+                for state in states:
+                    for claims in chosen:
+                        for claim in claims(*state):
+                            if wrong := _contradicted(*claim[1:4], claim.first):
+                                self._refuse(claim, *wrong, state[0], state is states[0])
+            self._require_energy()
 
-    def at_load(self) -> None:
-        """Compare at the start, and next to it, where terms show that vanish at the start.
-
-        G first: what else is right would seem wrong with it.  Terms of Φ' and Φ'' off the
-        constraints, too, where formulations of lower index drift.
-
-        Raises:
-            ProblemError: As of `reached`.
-        """
-        problem, rows = self.problem, self._of_rows
-        others = (self._of_tangents, rows, self._of_energy)
-        chosen: tuple[_Comparison, ...]
-        for chosen in ((self._of_gradient,), others):
-            with np.errstate(all="ignore"):
-                self._compare(chosen, problem.t0, problem.u0, problem.v0, "at the start")
-                for t, u, v in self._states():
-                    where = "next to the start" + (f", at t = {t:.9g}" if t != problem.t0 else "")
-                    if rows in chosen:
-                        self._compare((rows,), t, u, v, where)
-                    if (state := self._onto(t, u, v)) is not None:
-                        self._compare(chosen, t, *state, where)
-
-    def _compare(
-        self,
-        chosen: Sequence[_Comparison],
-        t: float,
-        u: Array,
-        v: Array,
-        where: str,
-        error: type[ProblemError] = ProblemError,
-    ) -> None:
-        for comparison in chosen:
-            for key, what, values in comparison(t, u, v):
-                raise error(f"{self.named(key)} {what} {where}: {values}")
+    def _refuse(self, claim: _Claim, k: int, expected: float, t: float, at_start: bool) -> None:
+        place = [int(number) + 1 for number in claim.index(k)]
+        entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
+        where = "at the start" if at_start else "next to the start"
+        if t != self.problem.t0:
+            where += f", at t = {t:.9g}"
+        raise ContradictionError(
+            f"{self.named(claim.key)} disagrees with differences in {entry} {where}: "
+            f"given {claim.given[k]:.9g}, differences say {expected:.9g}"
+        )
 
     # -- each function -----------------------------------------------------------------------
 
-    def _of_gradient(self, t: float, u: Array, v: Array) -> Iterator[_Wrong]:
-        """What is wrong in G at a state."""
+    def _of_gradient(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
+        """G is the derivative of Φ."""
         phi, sizes, g = self.functions["constraints"], _sizes(u), self._gradient(t, u)
         units, scaled = np.abs(g).max(axis=0), (np.abs(g) * sizes[:, None]).max(axis=0)
-        yield from _columns(
-            "gradient", g.T, lambda i: lambda s: phi(_moved(u, i, s), t), sizes,
-            np.minimum(units, scaled / sizes[:, None]),
-        )  # fmt: skip
+        unit = np.minimum(units, scaled / sizes[:, None])
+        for claim in _columns("gradient", g.T, lambda i: lambda s: phi(_moved(u, i, s), t), sizes):
+            i = claim.index(0)[1]
+            yield claim._replace(
+                nothing=_NOTHING * unit[i], index=lambda k, of=claim.index: of(k)[::-1]
+            )
 
-    def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Wrong]:
-        """What is wrong in X and Y at a state."""
+    def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
+        """X and Y are those of f + Gλ."""
         force, gradient = self.functions["force"], self.functions["gradient"]
-        n, m, restated, sizes = self.problem.n, self.problem.m, self.restated, _sizes(u)
+        n, m, sizes = self.problem.n, self.problem.m, _sizes(u)
         speeds = _sizes(v) if np.any(v) else sizes
         units = np.abs(self._gradient(t, u)).max(axis=0)
         load = float(np.abs(_value(n, force, u, v, t)).max())
         multipliers = np.linspace(1.0, 2.0, m) * (load or 1.0) / np.where(units > 0, units, 1.0)
-        if stiffness := restated.get("stiffness"):
+
+        def pull(j: int) -> Callable[[float], Any]:
+            def of(s: float) -> Any:
+                there = _moved(u, j, s)
+                return -(force(there, v, t) + gradient(there, t) @ multipliers)
+
+            return of
+
+        if stiffness := self.restated.get("stiffness"):
             x = _value(n * n, stiffness, u, v, multipliers, t).reshape(n, n)
-
-            def pull(j: int) -> Callable[[float], Any]:
-                def of(s: float) -> Any:
-                    there = _moved(u, j, s)
-                    return -(force(there, v, t) + gradient(there, t) @ multipliers)
-
-                return of
-
             yield from _columns("stiffness", x, pull, sizes, load / sizes.max())
-        if damping := restated.get("damping"):
+        if damping := self.restated.get("damping"):
             y = _value(n * n, damping, u, v, t).reshape(n, n)
             yield from _columns(
                 "damping", y, lambda j: lambda s: -force(u, _moved(v, j, s), t), speeds,
                 load / speeds.max(),
             )  # fmt: skip
 
-    def _of_rows(self, t: float, u: Array, v: Array) -> Iterator[_Wrong]:
-        """What is wrong in the terms of Φ' and Φ'' at a state."""
+    def _of_rows(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
+        """Terms of Φ' and Φ''; what is not given of them follows from differences."""
         phi, gradient = self.functions["constraints"], self.functions["gradient"]
         n, m, size = self.problem.n, self.problem.m, float(_sizes(u).max())
         w = size * np.random.default_rng(1).normal(size=n)
@@ -157,27 +145,21 @@ class Agreement:
             for longest, d in ((1.0, 0 * v), (1.0, v), (np.inf, w))
         )
 
-        def turned(s: float) -> Any:
-            return gradient(u + s * v, t + s)
-
         def moving(s: float) -> Any:
-            return turned(s).T @ v + (rate(u + s * v, t + s) if rate else 0.0)
+            rate, _ = self.problem.constraint_derivatives(t + s, u + s * v, v)
+            return gradient(u + s * v, t + s).T @ v + rate
 
-        # First derivatives of what has been compared lose less than second ones.
-        rate, turn = self.restated.get("constraint_rate"), self.restated.get("rate_gradient")
-        bend = _Part(lambda s: phi(u + s * v, t + s), along_v, 2)
-        if rate or self._is_rigid(t, u):
-            bend = _Part(moving, along_v)
-        bent = _Part(turned, along_v, 2)
-        if turn:
-            bent = _Part(lambda s: turn(u + s * v, v, t + s), along_v)
+        def turning(s: float) -> Any:
+            return self.problem.constraint_rows(t + s, u + s * v, v, 0 * v).r
+
+        along = _Part(lambda s: gradient(u + s * v, t + s), along_v)
         rows: dict[str, tuple[tuple[Any, ...], Sequence[_Part], tuple[int, ...]]] = {
             "constraint_rate": ((u, t), [_Part(lambda s: phi(u, t + s), in_time)], (m,)),
-            "curvature": ((u, v, t), [bend], (m,)),
-            "rate_gradient": ((u, v, t), [_Part(turned, along_v)], (n, m)),
+            "curvature": ((u, v, t), [_Part(moving, along_v)], (m,)),
+            "rate_gradient": ((u, v, t), [along], (n, m)),
             "acceleration_gradient": (
                 (u, v, w, t),
-                [_Part(lambda s: gradient(u + s * w, t), along_w), bent],
+                [_Part(lambda s: gradient(u + s * w, t), along_w), _Part(turning, along_v)],
                 (n, m),
             ),
         }
@@ -185,33 +167,35 @@ class Agreement:
             if key in self.restated:
                 values = _value(int(np.prod(shape)), self.restated[key], *arguments)
                 nothing = np.broadcast_to(units * (size if len(shape) == 1 else 1.0), shape)
-                if wrong := _contradicted(values, parts, _NOTHING * nothing.ravel()):
-                    index, expected = wrong
-                    yield _wrong(key, np.unravel_index(index, shape), values[index], expected)
+                yield _Claim(
+                    key, values, parts, _NOTHING * nothing.ravel(),
+                    lambda k, shape=shape: np.unravel_index(k, shape),
+                )  # fmt: skip
 
-    def _of_energy(self, t: float, u: Array, v: Array) -> Iterator[_Wrong]:
-        """The rate of the energy besides dissipation, if there is any.
+    def _require_energy(self) -> None:
+        """The energy changes by nothing but dissipation, where neither depends on time.
 
         Half its rate on a motion less half of that on the motion with −v: dissipation takes
-        from both.  Only where nothing depends on time, so that both are motions.
+        from both.
         """
-        energy, force = self.restated.get("energy"), self.functions["force"]
-        if energy is None or not self._is_free_of_time(t, u, v):
+        energy, force, problem = self.restated.get("energy"), self.functions["force"], self.problem
+        t, u, v = problem.t0, problem.u0, problem.v0
+        loads = [_value(problem.n, force, u, v, t + s) for s in (0.0, 1e-3)]
+        if energy is None or not (self._is_rigid and np.array_equal(*loads)):
             return
-        direction = np.random.default_rng(2).normal(size=self.problem.n)
+        direction = np.random.default_rng(2).normal(size=problem.n)
         state = self._onto(t, u, float(_sizes(u).max()) * direction)
         if state is None:
             return
-        u, v = state
-        system = Index1(self.problem)
+        _, u, v = state
+        load = float(np.abs(loads[0]).max())
         try:
             # Fast enough to need forces as large as these: coordinates say little of lengths.
-            slow, fast = (system.accelerations(t, u, way)[0] for way in (0 * v, v))
-            bend = float(np.abs(self.problem.M @ (fast - slow)).max())
-            load = float(np.abs(_value(self.problem.n, force, u, v, t)).max())
+            slow, fast = (self._system.accelerations(t, u, way)[0] for way in (0 * v, v))
+            bend = float(np.abs(problem.M @ (fast - slow)).max())
             if bend and load:
                 v = v * np.sqrt(load / bend)
-            ahead, behind = (system.accelerations(t, u, way)[0] for way in (v, -v))
+            ahead, behind = (self._system.accelerations(t, u, way)[0] for way in (v, -v))
         except Exception:  # a singular position, or a function without a value
             return
 
@@ -223,10 +207,11 @@ class Agreement:
         speed = float(np.abs(v).max())
         fastest = max(speed / _sizes(u).max(), np.abs(ahead).max() / (speed or 1.0)) or 1.0
         nothing = np.full(1, _TOLERANCE * load * speed)
-        wrong = _contradicted(np.zeros(1), [_Part(change, _LONGEST / fastest)], nothing)
-        if wrong:
-            change_of = f"on a motion without dissipation it changes by {wrong[1]:.3g} in a second"
-            yield _Wrong("energy", "is not conserved", change_of)
+        if wrong := _contradicted(np.zeros(1), [_Part(change, _LONGEST / fastest)], nothing):
+            raise ContradictionError(
+                f"{self.named('energy')} is not conserved at the start: on a motion without "
+                f"dissipation it changes by {wrong[1]:.3g} in a second"
+            )
 
     def _gradient(self, t: float, u: Array) -> Array:
         n, m = self.problem.n, self.problem.m
@@ -234,99 +219,68 @@ class Agreement:
 
     # -- states ------------------------------------------------------------------------------
 
-    def _states(self) -> Iterator[tuple[float, Array, Array]]:
-        """Time, coordinates and velocities of two states next to the start."""
-        problem, random = self.problem, np.random.default_rng(0)
-        t0, u0, v0, n = problem.t0, problem.u0, problem.v0, problem.n
-        phi, gradient = self.functions["constraints"], self.functions["gradient"]
-        here, g = phi(u0, t0), gradient(u0, t0)
-        free, rate = self._is_rigid(t0, u0), self._rate(t0, u0)
-        largest = float(_sizes(u0).max())
-        sizes = np.where(np.abs(u0) > 1e-6 * largest, np.abs(u0), largest)
-        for _ in range(2):
-            away, turn = sizes * random.normal(size=n), random.normal(size=n)
-            later = 0.0 if free else random.uniform(10.0, 100.0)
-            reach = _NEAR
-            for _ in range(20):  # as far as Φ changes by what G and Φ_t predict
-                expected = reach * (g.T @ away + later * rate)
-                u, t = u0 + reach * away, t0 + reach * later
-                missed = _value(problem.m, phi, u, t) - here - expected
-                if np.all(
-                    np.abs(missed) <= 0.1 * reach * (np.abs(g).T @ np.abs(away) + later * abs(rate))
-                ):
-                    break
-                reach /= _RATIO
-            else:
-                continue
-            speed = float(np.abs(v0).max()) or reach / _NEAR * largest
-            yield t, u, v0 + speed * turn
+    @cached_property
+    def _system(self) -> Index1:
+        return Index1(self.problem)
 
-    def _onto(self, t: float, u: Array, v: Array) -> tuple[Array, Array] | None:
-        """Coordinates and velocities on the constraints; None where there are none close by.
+    @cached_property
+    def _is_rigid(self) -> bool:
+        """Whether the constraints do not depend on time."""
+        problem, phi = self.problem, self.functions["constraints"]
+        values = [_value(problem.m, phi, problem.u0, problem.t0 + s) for s in (0.0, 1e-3, 0.137)]
+        return all(np.array_equal(values[0], other) for other in values[1:])
+
+    def _states(self) -> Iterator[_State]:
+        """The start, and two states next to it on the constraints, if there are any."""
+        problem, random = self.problem, np.random.default_rng(0)
+        t, u, v = problem.t0, problem.u0, problem.v0
+        yield t, u, v
+        largest = float(_sizes(u).max())
+        sizes = np.where(np.abs(u) > 1e-6 * largest, np.abs(u), largest)
+        for _ in range(2):
+            away, turn = sizes * random.normal(size=problem.n), random.normal(size=problem.n)
+            later = 0.0 if self._is_rigid else random.uniform(10.0, 100.0)
+            for reach in _NEAR:
+                speed = float(np.abs(v).max()) or reach / _NEAR[0] * largest
+                near = self._onto(t + reach * later, u + reach * away, v + speed * turn)
+                if near is not None:
+                    yield near
+                    break
+
+    def _onto(self, t: float, u: Array, v: Array) -> _State | None:
+        """The nearest state on the constraints; None where there is none close by.
 
         What a definition says need not hold elsewhere: a length may stand for a distance.
         """
-        m, least = self.problem.m, np.inf
         try:
-            for _ in range(30):
-                phi = _value(m, self.functions["constraints"], u, t)
-                g = self._gradient(t, u)
-                change = np.linalg.lstsq(g.T, -phi)[0]
-                size = float(np.abs(change).max()) / float(_sizes(u).max())
-                if not np.isfinite(size):
-                    return None
-                u = u + change
-                if size <= 1e-14 or (size >= least / 2 and size <= 1e-9):
-                    break
-                least = size
-            else:
-                return None
-            v = v - np.linalg.lstsq(g.T, g.T @ v + self._rate(t, u))[0]
-        except np.linalg.LinAlgError:
+            u, v = self._system.projected(t, self._system.nearest(t, u), v)
+        except BaseException as error:  # an exit included
+            if user_code.is_interrupt(error):
+                raise
             return None
-        return (u, v) if np.all(np.isfinite(u)) and np.all(np.isfinite(v)) else None
-
-    def _rate(self, t: float, u: Array) -> Array:
-        """(m,) Φ_t."""
-        m, phi = self.problem.m, self.functions["constraints"]
-        if rate := self.restated.get("constraint_rate"):
-            return _value(m, rate, u, t)
-        ahead, behind = t + 1e-6, t - 1e-6
-        there = _value(m, phi, u, ahead) - _value(m, phi, u, behind)
-        return there / (ahead - behind)
-
-    def _is_rigid(self, t: float, u: Array) -> bool:
-        """Whether the constraints do not depend on time."""
-        phi, m = self.functions["constraints"], self.problem.m
-        values = [_value(m, phi, u, t + s) for s in (0.0, 1e-3, 0.137)]
-        return all(np.array_equal(values[0], other) for other in values[1:])
-
-    def _is_free_of_time(self, t: float, u: Array, v: Array) -> bool:
-        force, n = self.functions["force"], self.problem.n
-        values = [_value(n, force, u, v, t + s) for s in (0.0, 1e-3)]
-        return np.array_equal(values[0], values[1]) and self._is_rigid(t, u)
+        missed = np.abs(_value(self.problem.m, self.functions["constraints"], u, t))
+        lengths = np.linalg.norm(self._gradient(t, u), axis=0)
+        met = np.all(missed <= _MET * float(_sizes(u).max()) * lengths)
+        return (t, u, v) if met and np.all(np.isfinite(v)) else None
 
 
 # -- one function of one number -------------------------------------------------------------
 
 
 def _columns(
-    key: str, matrix: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array, unit: Any
-) -> Iterator[_Wrong]:
-    """What is wrong in a matrix, each of whose columns is the derivative of ``along(j)``.
+    key: str, matrix: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array,
+    unit: float = 0.0,
+) -> Iterator[_Claim]:  # fmt: skip
+    """That each column of a matrix is the derivative of ``along(j)``.
 
-    For G, ``matrix`` is its transpose.  ``unit`` is the size of the derivatives to each
-    coordinate, by rows, that count at least.
+    ``unit`` is the least size of derivatives that counts.
     """
-    size = float(np.abs(matrix).max()) if key != "gradient" else 0.0
-    nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), matrix.T.shape)
+    nothing = np.full(len(matrix), _NOTHING * max(float(np.abs(matrix).max()), unit))
     largest = float(sizes.max())
     for j, own in enumerate(sizes.tolist()):
         part = _Part(along(j), _LONGEST * largest)
-        first = round(np.log(largest / own) / np.log(_RATIO))
-        if wrong := _contradicted(matrix[:, j], [part], nothing[j], _FIRST + first):
-            i, expected = wrong
-            yield _wrong(key, (j, i) if key == "gradient" else (i, j), matrix[i, j], expected)
+        first = _FIRST + round(np.log(largest / own) / np.log(_RATIO))
+        yield _Claim(key, matrix[:, j], [part], nothing, lambda i, j=j: (i, j), first)
 
 
 def _contradicted(
@@ -334,18 +288,13 @@ def _contradicted(
 ) -> tuple[int, float] | None:
     """The derivative that is most certainly wrong, and what it is; None where none is.
 
-    The (k,) derivatives are sums of those of the parts; (k,) differences up to ``nothing`` do not
-    count.  Steps are numbered from the longest, 0; ``first`` is tried first.
+    Arguments are as in `_Claim`.  Steps are numbered from the longest, 0.
     """
     here = [_value(len(derivatives), part.function, 0.0) for part in parts]
     quotients = np.full((_STEPS, 3, len(derivatives)), np.nan)
     doubted = np.isfinite(derivatives)
-    order = max(part.order for part in parts)
-    lengths = _RATIO ** -(order * np.arange(float(_STEPS)))[:, None]  # to this power
-    load = np.sum(
-        [np.abs(at) / part.longest**part.order for part, at in zip(parts, here, strict=True)],
-        axis=0,
-    )
+    lengths = _RATIO ** -np.arange(float(_STEPS))[:, None]
+    load = np.sum([np.abs(at) / part.longest for part, at in zip(parts, here, strict=True)], axis=0)
     for number in sorted(range(_STEPS), key=lambda number: abs(number - first)):
         quotients[number] = latest = sum(
             _quotients(part, part.longest * _RATIO**-number, at)
@@ -370,7 +319,7 @@ def _settled(
     """What `_contradicted` returns of quotients at all steps, none of which confirms a value.
 
     Quotients are (steps, 3, k) forward, backward and central ones; the load is the (k,) size of
-    the function over the longest step, to the power of the order.
+    the function over the longest step.
     """
     forward, backward, central = quotients.swapaxes(0, 1)
     # Quotients of rounded numbers are 0 over short steps; others only if all are.
@@ -401,16 +350,9 @@ def _settled(
 
 def _quotients(part: _Part, step: float, here: Array) -> Array:
     """(3, k) forward, backward and central difference quotient of a step."""
-    k = len(here)
-    ahead, behind = (_value(k, part.function, shift) for shift in (step, -step))
-    if part.order == 1:
-        forward, backward = (ahead - here) / step, (here - behind) / step
-        return np.array([forward, backward, (forward + backward) / 2])
-    farther = (_value(k, part.function, shift) for shift in (2 * step, -2 * step))
-    sides = [
-        (far - near - (near - here)) for far, near in zip(farther, (ahead, behind), strict=True)
-    ]
-    return np.array([*sides, ahead - here + (behind - here)]) / step**2
+    ahead, behind = (_value(len(here), part.function, shift) for shift in (step, -step))
+    forward, backward = (ahead - here) / step, (here - behind) / step
+    return np.array([forward, backward, (forward + backward) / 2])
 
 
 def _value(count: int, function: Callable[..., Any], *arguments: Any) -> Array:
@@ -434,10 +376,3 @@ def _moved(vector: Array, i: int, step: float) -> Array:
     moved = vector.copy()
     moved[i] += step
     return moved
-
-
-def _wrong(key: str, index: Sequence[Any], stated: float, expected: float) -> _Wrong:
-    numbers = [int(place) + 1 for place in index]
-    entry = ("row {}, column {}" if len(numbers) == 2 else "component {}").format(*numbers)
-    values = f"given {stated:.9g}, differences say {expected:.9g}"
-    return _Wrong(key, f"disagrees with differences in {entry}", values)

@@ -26,7 +26,7 @@ class ProblemError(InputError):
 
 
 class ContradictionError(ProblemError):
-    """Functions of a problem contradict each other at a state that a march has reached."""
+    """Functions of a problem contradict each other at the start or next to it."""
 
 
 class Pattern(NamedTuple):
@@ -143,8 +143,6 @@ class Problem:
             constraint, and the largest of the others; None where none was dropped.
         until: Time (s) up to which the problem is given: the end of its shortest table.
         doubts: Lines on a mechanism file that can hardly be meant.
-        reached: ``(t, u, v)`` that raises `ContradictionError` where functions of the user's
-            contradict each other at a state that a march has reached; None without any.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -185,7 +183,6 @@ class Problem:
     starts: IndexArray | None = None
     until: float = math.inf
     doubts: tuple[str, ...] = ()
-    reached: Callable[[float, Array, Array], None] | None = None
 
     @property
     def n(self) -> int:

@@ -38,7 +38,7 @@ class Definition:
     Functions that numba compiled (``@numba.njit``) run through the kernel, plain
     ones through the SciPy march.  Arrays are float64; lists and tuples of numbers serve
     as well, and are converted wherever they are returned.  Given derivatives and the energy are
-    compared with differences next to the start and along every march, see `agreement`.
+    compared with differences at the start and next to it, see `agreement`.
 
     Attributes:
         mass_matrix: (n, n) M, constant, symmetric, positive on all motions that the
@@ -280,11 +280,10 @@ def from_definition(definition: Any, name: str, where: str | _Source = "problem"
         rates=constraint_rows.rates(functions, rows),
     )
     restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
-    agreement = Agreement(problem, functions, restated, lambda key: source.of(key, chosen[key]))
-    agreement.at_load()
+    Agreement(problem, functions, restated, lambda key: source.of(key, chosen[key])).require()
     _require_quadratic(problem, functions, source, chosen["constraints"])
     _require_consistent(problem, gradient, source)
-    return replace(problem, reached=agreement.reached)
+    return problem
 
 
 def _used(

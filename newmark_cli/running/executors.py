@@ -16,7 +16,6 @@ import numpy as np
 
 from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code, pinned
 from newmark_cli.problems import user_code
-from newmark_cli.problems.problem import ContradictionError
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
@@ -73,8 +72,6 @@ def perform(
             if task.timed:
                 done = replace(done, march_seconds=march_seconds(task.cell, on_steps))
             return done
-    except ContradictionError as error:
-        outcome = failed(str(error))
     except (apart.Stopped, InputError):
         raise
     except _Overtime:
