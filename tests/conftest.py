@@ -371,16 +371,6 @@ def few_draws(monkeypatch):
     monkeypatch.setattr(linearised, "_ROUGHLY", 1)
 
 
-@pytest.fixture(scope="module")
-def loops_only():
-    """No code for one mechanism, which takes long to compile: `test_specialised` has it alike."""
-    from newmark_cli.newmark.linear.written import specialised
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(specialised, "ELEMENTS_AT_MOST", 0)
-        yield
-
-
 @pytest.fixture(scope="session")
 def committed_folder():
     """The results of a full run that travel with the project."""

@@ -8,7 +8,6 @@ import pytest
 from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
-from newmark_cli.newmark.linear.written.specialised import unspecialised
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import recording
 from newmark_cli.newmark.scaling import named_scaling
@@ -76,9 +75,7 @@ def interpreted_march(
     subject, scheme, state, first, norms, iterations, record=None, positions=None
 ):
     """The kernel's march as Python runs it, and all that it calls but the problem's functions."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled_march, "specialised", lambda problem, *_: unspecialised(problem))
-        engine = compiled_march.Engine(subject, scheme)
+    engine = compiled_march.Engine(subject, scheme)
     counts = march_data.Counts(
         norms, iterations,
         np.zeros(len(norms), np.int64) if positions is None else positions,
@@ -86,15 +83,15 @@ def interpreted_march(
     )  # fmt: skip
     kept = recording(state, np.empty(0)) if record is None else record
     given = engine.arguments(state, first, counts, kept)
-    functions, code, tables, (static, dense), extra, _, schedule, sizes, *_ = given
-    numbers = (*given[5:], kernel._allocate(*tables, dense, state, schedule, sizes))
+    functions, tables, (static, dense), extra, _, schedule, sizes, *_ = given
+    numbers = (*given[4:], kernel._allocate(*tables, dense, state, schedule, sizes))
     evaluate, derive, solve = functions
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):
                 patch.setattr(kernel, name, function.py_func)
         if extra is None:
-            return kernel._march_index_3(evaluate, solve, code, *tables, static, dense, *numbers)
+            return kernel._march_index_3(evaluate, solve, *tables, static, dense, *numbers)
         work = kernel._allocate_constraining(tables[0], extra, state, norms.shape[1])
         return kernel._march_formulated(evaluate, derive, *tables, dense, extra, *numbers, work)
 

@@ -25,7 +25,6 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
 
-pytestmark = pytest.mark.usefixtures("loops_only")
 ENGINES = (compiled_march, scipy_march)
 
 #: Shipped problems whose constraints are quadratic and do not depend on time.

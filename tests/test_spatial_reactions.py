@@ -12,7 +12,6 @@ import newmark_cli as newmark
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.index_1 import Index1
 
-pytestmark = pytest.mark.usefixtures("loops_only")
 DAMPED = "generalized-alpha rho=0.9"
 GRAVITY = np.array([0.3, -1, -9])
 BODY = """\

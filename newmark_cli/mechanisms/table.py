@@ -115,7 +115,6 @@ class Tables:
 
     Attributes:
         ints, reals: Element tables.
-        starts: Where elements begin in ``ints``.
         x, y, g: (2, entries) places of the values of X, Y and G.
         timed: Whether laws of time stand behind the elements.
         kinds: Of all elements.
@@ -123,7 +122,6 @@ class Tables:
 
     ints: IndexArray
     reals: Array
-    starts: IndexArray
     x: IndexArray
     y: IndexArray
     g: IndexArray
@@ -140,15 +138,12 @@ class Tables:
         if self.timed:
             function, potential = elements.evaluate_timed, elements.timed_potential
             derivatives = elements.timed_constraint_derivatives
-        # Laws of time and angles take seconds to write out.
-        written = not (self.timed or rare)
         return {
             "function": function,
             "derivatives": derivatives,
             "potential": potential if conservative else None,
             "ints": self.ints,
             "reals": self.reals,
-            "starts": self.starts if written else None,
         }
 
     def pattern(self, mass: IndexArray) -> Pattern:
@@ -279,8 +274,7 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
         ints = np.array(behind, np.int64)
         numbers_of = np.concatenate([numbers_of, values_behind])
     kinds = frozenset(group.shape.kind for group in groups)
-    starts = begins[0, :-1].copy()
-    return Tables(ints[None], numbers_of[None], starts, x, y, g, bool(values_behind), kinds)
+    return Tables(ints[None], numbers_of[None], x, y, g, bool(values_behind), kinds)
 
 
 def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray) -> None:

@@ -11,8 +11,6 @@ from newmark_cli.newmark.carrying import Carrying
 from newmark_cli.newmark.constraints import Constraining, FormulationTables, constraining_of
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
 from newmark_cli.newmark.linear.written.exchanges import Exchanges
-from newmark_cli.newmark.linear.written.generated import Written
-from newmark_cli.newmark.linear.written.specialised import specialised, unspecialised
 from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_generated
 from newmark_cli.newmark.march_data import (
@@ -114,7 +112,7 @@ class Engine:
             self._numbers = self._numbers._replace(static=static.elimination.tables)
         self._solve = static.elimination.solve if static else solve_generated
         dtype, pattern = scheme.dtype, problem.pattern
-        tables = ProblemTables(
+        self._tables = ProblemTables(
             problem.ints,
             problem.reals.astype(dtype),
             problem.mass_values.astype(dtype),
@@ -123,15 +121,6 @@ class Engine:
             pattern.mass_columns.astype(np.uint64),
             *pattern[2:],
         )
-        by_residual = scheme.stop is not None and scheme.stop.on_residual
-        if self._constraining is None and not by_residual:
-            written = static is not None and static.elimination.written_out
-            elimination = Written(self._numbers.static) if written else None
-            evaluation = specialised(problem, scheme, tables, elimination)
-        else:
-            evaluation = unspecialised(problem)
-        self._function, self._code = evaluation.function, evaluation.code
-        self._tables = tables._replace(ints=evaluation.ints)
         self._carrying = Carrying(problem, schemes)
         self._row_of: dict[int, Array] = {}
         self._memory = np.empty(0, dtype)
@@ -276,10 +265,9 @@ class Engine:
             limits=stop.limits,
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
-        functions = self._function, self._derive, self._solve
+        functions = self.problem.function, self._derive, self._solve
         tables = self._tables, numbers.tables
         matrices = numbers.static, numbers.dense
         return (
-            functions, self._code, tables, matrices, numbers.extra, state, schedule, sizes, counts,
-            record,
+            functions, tables, matrices, numbers.extra, state, schedule, sizes, counts, record,
         )  # fmt: skip

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import from_dtype, typeof, types
-from numba.extending import intrinsic
 
 from newmark_cli.newmark.march_data import (
     BY_CORRECTION,
@@ -36,7 +35,6 @@ from newmark_cli.newmark.march_data import (
 )
 from newmark_cli.support import interrupts
 from newmark_cli.support.cached_code import cached_njit, part_njit
-from newmark_cli.support.machine_code import generate_call
 
 #: A function by itself, one that only the march calls, and one that is compiled as if it stood
 #: in its caller.  Without fastmath: compiled and interpreted, the march gives the same bits.
@@ -354,12 +352,6 @@ def _assemble_residual_of_motion(
             rhs[(1 + r) * n + i] = -left[1 + r] * residual
 
 
-#: By themselves, for `specialised`.
-increase_phi, assemble_residual = (
-    _compile(verb.py_func) for verb in (_increase_phi, _assemble_residual)
-)
-
-
 @_inline
 def _evaluate(evaluate, t, multipliers, problem, iterate, state, values):
     """Evaluate the problem at the iterate; compensated: Φ by its increment."""
@@ -381,21 +373,6 @@ def _evaluate_past(evaluate, t, problem, state, values, g_old):
         t, state.past[0], state.past[1], state.multipliers, problem.ints, problem.reals,
         values.force, values.phi, values.x, values.y, g_old,
     )  # fmt: skip
-
-
-@intrinsic
-def _correct_by(
-    typing, address, t, u, v, multipliers, reals, force, phi, sources, mass_values, left,
-    dynamic_weights, row_weights, dynamics, rows, moving, rhs, phi_old, g_old, shift, constant,
-    coefficients, work,
-):  # fmt: skip
-    """Call what `specialised` has made to evaluate, assemble and, perhaps, to solve."""
-    signature = types.int64(
-        address, t, u, v, multipliers, reals, force, phi, sources, mass_values, left,
-        dynamic_weights, row_weights, dynamics, rows, moving, rhs, phi_old, g_old, shift,
-        constant, coefficients, work,
-    )  # fmt: skip
-    return signature, generate_call
 
 
 @_inline
@@ -1074,16 +1051,14 @@ def _keep(state, record, place, s):
 
 
 def _march_index_3(
-    evaluate, solve, code, problem, tables, static, dense, state, schedule, sizes, counts, record,
-    room,
+    evaluate, solve, problem, tables, static, dense, state, schedule, sizes, counts, record, room,
 ):  # fmt: skip
     """The march of index 3 as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number, compensated = fields.dtype.type, schedule.compensated
     to_tolerance = schedule.test != BY_ROUNDING
     sources, values, iterate, history, rhs, system, new_past, before_step, _, _ = room
-    u, v, reals, force, phi = fields[0], fields[1], problem.reals, values.force, values.phi
-    moving, shift, g_old = iterate.moving, iterate.shift, iterate.g_old
+    force, phi, moving, g_old = values.force, values.phi, iterate.moving, iterate.g_old
     eliminating, pivoting = static.structure.shape[0] > 0, dense.constant.shape[0] > 0
     norms, iterations, _, pivoted = counts
     kept = given_up = 0
@@ -1102,26 +1077,18 @@ def _march_index_3(
         previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `_look` twice
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
-            ending = UNSOLVED
-            if code[0] != 0:
-                ending = _correct_by(  # type: ignore[call-arg]
-                    code[0], t, u, v, multipliers, reals, force, phi, sources,
-                    problem.mass_values, tables.left, tables.dynamic_weights, tables.row_weights,
-                    history.dynamics, history.rows, moving, rhs, state.phi, g_old, shift,
-                    static.constant, static.coefficients, static.work,
-                )  # fmt: skip
-            else:
-                _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-                _assemble_residual(
-                    problem.mass_rows, problem.mass_columns, problem.mass_values, tables.kept,
-                    tables.left, tables.dynamic_weights, tables.row_weights, history.dynamics,
-                    history.rows, moving, force, phi, rhs,
-                )  # fmt: skip
+            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+            _assemble_residual(
+                problem.mass_rows, problem.mass_columns, problem.mass_values, tables.kept,
+                tables.left, tables.dynamic_weights, tables.row_weights, history.dynamics,
+                history.rows, moving, force, phi, rhs,
+            )  # fmt: skip
             if to_tolerance:
                 settled, first = _look(tables, schedule, state, room, rhs, solves, first)
                 if settled:
                     break
-            if ending == UNSOLVED and eliminating:
+            ending = UNSOLVED
+            if eliminating:
                 ending = solve(
                     sources, rhs, static.constant, static.places, static.origins,
                     static.coefficients, static.structure, static.room, static.work,
@@ -1308,7 +1275,7 @@ def is_compiled(dtype, formulated):
     return (np.dtype(dtype), formulated) in _compiled
 
 
-def march(functions, code, problem, matrices, extra, state, schedule, sizes, counts, record):
+def march(functions, problem, matrices, extra, state, schedule, sizes, counts, record):
     """Advance ``state`` by as many steps as ``counts`` has room for.
 
     The function is compiled for problems' functions as such, not for particular ones, so that
@@ -1318,12 +1285,10 @@ def march(functions, code, problem, matrices, extra, state, schedule, sizes, cou
         functions: Compiled: the problem's, of :func:`evaluate_type`; the derivatives of its
             constraints, of :func:`derivatives_type`, None for index 3; static elimination, of
             :func:`solve_type`.
-        code: (1,) address of what `specialised` has made of evaluation, assembly and
-            elimination for this problem and form; 0 where the functions above serve.
         problem: The problem's tables and those of the step, whose numbers have the march's type.
-        matrices: What static elimination is handed, and the code, without ``structure`` only the
-            code; and the dense matrix of what is solved with partial pivoting, without which
-            the march ends where it would be needed.
+        matrices: What static elimination is handed, without ``structure`` where there is none;
+            and the dense matrix of what is solved with partial pivoting, without which the
+            march ends where it would be needed.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
         state, counts, record: Overwritten; see the classes.
         schedule: When Newton's iteration ends.
@@ -1339,8 +1304,6 @@ def march(functions, code, problem, matrices, extra, state, schedule, sizes, cou
     dtype, formulated = state.fields.dtype, extra is not None
     room = _allocate(of_problem, of_step, dense, state, schedule, sizes)
     with _compiling:
-        if code[0] != 0:  # else it may be the user's own
-            evaluate = _as_given(evaluate, evaluate_type(dtype))
         kinds = [evaluate_type(dtype)]
         if formulated:
             made, given = _march_formulated, [evaluate, derive]
@@ -1353,7 +1316,7 @@ def march(functions, code, problem, matrices, extra, state, schedule, sizes, cou
             made, given = _march_index_3, [evaluate, _as_given(solve, solve_type(dtype))]
             kinds.append(solve_type(dtype))
             numbers = (
-                code, *problem, static, dense, state, schedule, sizes, counts, record, room,
+                *problem, static, dense, state, schedule, sizes, counts, record, room,
             )  # fmt: skip
         if (dtype, formulated) not in _compiled:
             compiled = _compile(made)

@@ -110,8 +110,6 @@ class Problem:
             overwrites the last four, see `ConstraintRows`; w is the acceleration.  It is
             compiled where ``function`` is.
         ints, reals: Two-dimensional tables handed to the functions.
-        starts: Where elements begin in ``ints``, if ``function`` is a loop over them that does
-            with a part of the table its share of the work, and may be handed to LLVM.
         pattern: Places of the values.
         mass_values: Values of M.
         drawing_given: What `drawing` is, or a function without arguments that makes it.
@@ -180,7 +178,6 @@ class Problem:
     outputs: Outputs | None = None
     released: tuple[str, ...] = ()
     gaps: Callable[[float, Array], tuple[float, str, float]] | None = None
-    starts: IndexArray | None = None
     until: float = math.inf
     doubts: tuple[str, ...] = ()
 

@@ -86,7 +86,6 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
     return replace(
         problem,
         function=compile_(evaluate),
-        starts=None,
         pattern=pattern._replace(
             x_rows=np.concatenate([pattern.x_rows, rows]),
             x_columns=np.concatenate([pattern.x_columns, columns]),

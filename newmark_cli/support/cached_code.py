@@ -163,22 +163,6 @@ def _place(function: Any, name: str) -> Path | None:
         return None
 
 
-def bitcode(function: Any, signature: tuple[Any, ...]) -> tuple[str, bytes]:
-    """A compiled function as LLVM's bitcode, to be linked into other code.
-
-    Args:
-        function: What `cached_njit` returned.
-        signature: Numba types of its arguments.
-
-    Returns:
-        Its name in the code, and the code.
-    """
-    function.compile(signature)
-    compiled = function.overloads[signature]
-    # What numba links a callee from; of what was read from disk it shows no text.
-    return compiled.fndesc.llvm_func_name, compiled.library._get_module_for_linking().as_bitcode()
-
-
 @contextlib.contextmanager
 def _or_warning(folder: str) -> Iterator[None]:
     try:

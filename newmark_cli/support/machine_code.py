@@ -24,12 +24,8 @@ def identity() -> str:
     )
 
 
-def address(
-    owner: Any, function: str, key: str, made_from: str, make: Callable[[], str | Any]
-) -> int:
+def address(owner: Any, function: str, key: str, made_from: str, make: Callable[[], str]) -> int:
     """Where a function stands; compiled, or read from disk, when first asked for.
-
-    Modules that are made later call it by its `symbol`.
 
     Args:
         owner: Function whose folder of compiled code has the file.
@@ -37,26 +33,20 @@ def address(
         key: What tells the module from others, with `identity` in it, fit for the name of a
             file.
         made_from: Digest of the sources of ``make``.
-        make: Makes the module: its text, or a module that is optimised already.
+        make: Makes the text of the module.
     """
     name = _file(function, key)
     with _lock:
         if name not in _loaded:
-            machine = target()
+            machine = _target()
             code = kept_bytes(
                 owner, name, lambda: machine.emit_object(_verified(make())), made_from
             )
             engine = llvm.create_mcjit_compiler(_verified(""), machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
-            llvm.add_symbol(symbol(function, key), engine.get_function_address(function))
             _loaded[name] = engine
         return int(_loaded[name].get_function_address(function))
-
-
-def symbol(function: str, key: str) -> str:
-    """What other modules call a function by, once `address` has been asked for."""
-    return f"{function}_{key}"
 
 
 def is_made(owner: Any, function: str, key: str, made_from: str) -> bool:
@@ -86,7 +76,7 @@ def generate_call(context: Any, builder: Any, signature: Any, arguments: Any) ->
     return context.get_dummy_value() if signature.return_type == types.void else call
 
 
-def target() -> Any:
+def _target() -> Any:
     """This machine, as LLVM compiles for it."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -99,9 +89,8 @@ def target() -> Any:
     )
 
 
-def _verified(module: str | Any) -> Any:
-    if isinstance(module, str):
-        module = llvm.parse_assembly(module)
-        module.triple = llvm.get_default_triple()
+def _verified(text: str) -> Any:
+    module = llvm.parse_assembly(text)
+    module.triple = llvm.get_default_triple()
     module.verify()
     return module

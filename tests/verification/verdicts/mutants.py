@@ -200,8 +200,7 @@ def _with(kind: str) -> Callable[[], Any]:
                 row = int(np.argmax(np.abs(problem.evaluate(
                     problem.t0, problem.u0, problem.v0, np.zeros(problem.m)).force)))  # fmt: skip
             function = _function(problem.function, kind, row, column)
-            # Like a user's code: nobody takes it apart.
-            found = replace(problem, function=function, starts=None, code=kind)
+            found = replace(problem, function=function, code=kind)
             _changed[id(problem), kind] = problem, found
         return _changed[id(problem), kind][1]
 

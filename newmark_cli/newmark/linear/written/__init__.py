@@ -1,8 +1,7 @@
-"""Code that is written out for one mechanism, and elimination in an order that is fixed.
+"""Elimination in an order that is fixed, and code that is written out for it.
 
-An iteration on Andrews' mechanism takes 0.3 µs with written code, and 1.0 µs in general loops,
-which look up where each number belongs.  So what a mechanism and a form decide once is decided
-before the march:
+General loops look up where each number belongs.  So what a mechanism and a form decide once is
+decided before the march:
 
 1. `lists` finds the fill of an elimination in a given order, and lists it.  The order is that
    of `newmark_cli.newmark.linear.ordering`, without row exchanges, or one in which partial
@@ -11,12 +10,9 @@ before the march:
    says so where a pivot fails: another solver then takes the step.
 3. `generated` writes the same elimination out as straight-line code, up to 800 operations, or
    3,000 with pivots by size.
-4. `specialised` writes out the evaluation of a mechanism, for all forms: the loop over its
-   elements, called with ranges that are constants, so that LLVM unrolls it.  A correction of a
-   form, with the residual assembled, calls it and the elimination, where that is written out too.
-5. `static` is the linear system that a march and the measures see, with condition numbers.
+4. `static` is the linear system that a march and the measures see, with condition numbers.
 
 All code takes its numbers as arguments: one function serves every parameter, step size and
 scaling, and is kept on disk under a digest of the pattern.  It computes what the loops compute,
-to the same bits; `tests/test_specialised.py` and `tests/test_exchanges.py` hold them to that.
+to the same bits; `tests/test_exchanges.py` and `tests/test_static.py` hold it to that.
 """

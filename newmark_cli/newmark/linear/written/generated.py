@@ -62,11 +62,6 @@ class Written(NamedTuple):
         """Where the code stands; compiled, or read from disk, when first asked for."""
         return machine_code.address(_module, NAME, self.digest(), made_from(), self.text)
 
-    def symbol(self) -> str:
-        """The name by which other modules call it; loads it first."""
-        self.address()
-        return machine_code.symbol(NAME, self.digest())
-
     def is_made(self) -> bool:
         """Whether it has been compiled, here or before."""
         return machine_code.is_made(_module, NAME, self.digest(), made_from())
