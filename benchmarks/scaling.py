@@ -11,8 +11,8 @@ second thread brings.
     python benchmarks/scaling.py
 
 Exits with 1 when static elimination is less than 4 times as fast on chains of 10,000
-links and more, when its time or memory grows faster than it may, or when two cells on two
-threads have less than 1.7 times the throughput of one.
+links and more, when its time or memory grows faster than it may, when 100,000 links take longer
+than 3 s to load, or when two cells on two threads have less than 1.7 times the throughput of one.
 """
 
 import argparse
@@ -41,6 +41,7 @@ H = 1e-4
 LARGEST_EXPONENT = {"iteration": 1.05, "memory": 1.0}
 LEAST_RATIO, FROM_SIZE = 4.0, 10_000
 LEAST_THROUGHPUT = 1.7
+LONGEST_TO_BUILD = 3.0
 
 
 def prepared(family, size):
@@ -169,6 +170,7 @@ def main():
             one = in_process(family, size, options.steps, options.rounds, 1)
             found.append(one)
             failed |= size >= FROM_SIZE and one["ratio"] < LEAST_RATIO
+            failed |= one["built"] > LONGEST_TO_BUILD
             print(
                 f"{family:>12} {size:7d} {one['unknowns']:9d} {one['built']:6.2f} s "
                 f"{1e3 * one['iteration']:11.2f} ms {one['memory'] / 1e6:9.1f} MB "

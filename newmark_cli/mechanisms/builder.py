@@ -104,9 +104,12 @@ class Builder(ABC):
         self.loads: Array
         self.prepare()
         for key in self.parts:
-            for part, data in getattr(mechanism, key).items():
-                with self.checked(ALIASES.get(key, key), part):
-                    getattr(self, f"_{key}")(data, (key, part))
+            parts, build = getattr(mechanism, key), getattr(self, f"_{key}")
+            for part, data in {} if self.together(key, parts) else parts.items():
+                try:
+                    build(data, (key, part))
+                except (DocumentError, Follows) as error:
+                    self._take_up(error, ALIASES.get(key, key), part)
         self.mistakes.refuse()
         self.weigh()
         loaded = np.flatnonzero(np.any(self.loads != 0, axis=1))
@@ -116,6 +119,10 @@ class Builder(ABC):
     @abstractmethod
     def prepare(self) -> None:
         """Make what parts need."""
+
+    def together(self, key: str, parts: Mapping[str, Any]) -> bool:
+        """Whether all parts of a key were built at once, because they are many of one kind."""
+        return False
 
     @abstractmethod
     def weigh(self) -> None:
@@ -181,10 +188,13 @@ class Builder(ABC):
         try:
             yield
         except (DocumentError, Follows) as error:
-            if isinstance(error, DocumentError):
-                self.mistakes.note(error)
-            if broken:
-                self.broken.add((broken[0], broken[1]))
+            self._take_up(error, *broken)
+
+    def _take_up(self, error: Exception, *broken: str) -> None:
+        if isinstance(error, DocumentError):
+            self.mistakes.note(error)
+        if broken:
+            self.broken.add((broken[0], broken[1]))
 
     def known(
         self,

@@ -1,13 +1,12 @@
 """Mechanisms of any size, made from a few numbers.
 
-Each is the data that a file would have.  Those in the plane are made a second time, as the arrays
-that builders make of these data, without the detour over a million parts.
+Each is the data that a file would have.
 """
 
 import math
 import random
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import accumulate, pairwise
 from types import MappingProxyType
@@ -16,7 +15,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, Strict
 
-from newmark_cli.mechanisms.linked import Linked, Made, Masses
 from newmark_cli.mechanisms.sines import sine_cosine
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.documents import WHOLE, StrictModel
@@ -63,14 +61,12 @@ class Family:
         size: Its parameters, whole numbers.
         counts: How many coordinates and constraints follow from them.
         mechanism: Sizes, by name → data of a mechanism.
-        linked: Sizes, by name → the same as arrays; None where they are built from the data.
     """
 
     title: str
     size: type[StrictModel]
     counts: str
     mechanism: Callable[..., dict[str, Any]]
-    linked: Callable[..., Linked] | None = None
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -79,11 +75,14 @@ class Family:
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
-        if self.linked is None:
-            from newmark_cli.mechanisms import loading
+        from newmark_cli.mechanisms import loading, models
 
-            return loading.made(name, self.mechanism(**sizes))
-        return self.linked(**sizes).problem(name, partial(self.drawing, sizes))
+        data = self.mechanism(**sizes)
+        if loading.is_spatial(data):
+            return loading.made(name, data)
+        # What figures are drawn from is made on demand: a mechanism may have a million parts.
+        problem = loading.made(name, data, models.trusted(data))
+        return replace(problem, drawing_given=partial(self.drawing, sizes))
 
     def drawing(self, sizes: Mapping[str, int]) -> Any:
         """The `models.Mechanism` of these sizes, part by part."""
@@ -159,48 +158,6 @@ def _hung(
     return {"title": title, "points": points, "bars": bars, "gravity": (0.0, -1.0)}
 
 
-def _hung_linked(hanging: _Hanging) -> Linked:
-    """The mechanism of `_hung`, as arrays."""
-    u0, masses = np.stack(hanging[:2], axis=1), np.array(hanging[2])
-    links, here = len(masses), np.arange(len(masses))
-    spans = np.diff(u0, axis=0, prepend=0.0)
-    # Python's functions: NumPy's differ in the last bit.
-    lengths = map(math.hypot, *spans.T.tolist())
-    squares = np.fromiter((length * length for length in lengths), float, links)
-    return Linked(
-        u0=u0.reshape(-1),
-        v0=np.zeros(2 * links),
-        starts=here - 1,
-        ends=here,
-        anchors=np.zeros((links, 2)),
-        squares=squares,
-        masses=Masses(here, here, masses, np.stack([0.0 * masses, -masses], axis=1)),
-        points=Made(links, _hung_point),
-        links=Made(links, _hung_bar),
-    )
-
-
-# Functions with names, so that problems can be pickled.
-def _chain_linked(links: int) -> Linked:
-    return _hung_linked(_straight(links))
-
-
-def _random_chain_linked(links: int) -> Linked:
-    return _hung_linked(_random(links))
-
-
-def _hung_point(place: int) -> str:
-    return f"P{place + 1}"
-
-
-def _hung_bar(place: int) -> tuple[str, str]:
-    return "bars", f"bar{place + 1}"
-
-
-def _rod(place: int) -> tuple[str, str]:
-    return "bodies", f"{'coupler' if place % 2 else 'rod'}{(place + 1) // 2}"
-
-
 def four_bars(windows: int) -> dict[str, Any]:
     """Four-bar linkages side by side, each sharing a rod with the next.
 
@@ -228,38 +185,6 @@ def four_bars(windows: int) -> dict[str, Any]:
         "bodies": bodies,
         "gravity": (0.0, -9.81),
     }
-
-
-def _four_bars_linked(windows: int) -> Linked:
-    """The mechanism of `four_bars`, as arrays: rod 0, coupler 1, rod 1, coupler 2, …"""
-    tops, links = windows + 1, 2 * windows + 1
-    across = np.arange(tops)
-    starts = np.empty(links, np.int64)
-    starts[0::2], starts[1::2] = -1, across[:-1]
-    ends = np.empty(links, np.int64)
-    ends[0::2], ends[1::2] = across, across[1:]
-    anchors = np.zeros((links, 2))
-    anchors[0::2, 0] = across
-    # Blocks of a uniform rod of length 1: first with first, first with second, …
-    about_first = 1 / 12 + 0.5**2
-    first, mixed = 1.0 - 2 * 0.5 + about_first, 0.5 - about_first
-    values = np.array([first, mixed, mixed, about_first])
-    return Linked(
-        u0=np.stack([across.astype(float), np.ones(tops)], axis=1).reshape(-1),
-        v0=np.tile([1.0, 0.0], tops),
-        starts=starts,
-        ends=ends,
-        anchors=anchors,
-        squares=np.ones(links),
-        masses=Masses(
-            np.stack([starts, starts, ends, ends], axis=1).reshape(-1),
-            np.stack([starts, ends, starts, ends], axis=1).reshape(-1),
-            np.tile(values, links),
-            np.tile(np.stack([0.0 * values, -9.81 * values], axis=1), (links, 1)),
-        ),
-        points=Made(tops, "B{}".format),
-        links=Made(links, _rod),
-    )
 
 
 def _descending(heading: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
@@ -339,21 +264,18 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
             ChainSize,
             "n = 2 links, m = links",
             chain,
-            _chain_linked,
         ),
         "random-chain": Family(
             "random point masses on massless bars in random directions, falling",
             ChainSize,
             "n = 2 links, m = links",
             random_chain,
-            _random_chain_linked,
         ),
         "four-bars": Family(
             "four-bar linkages side by side, falling through a singular position",
             FourBarsSize,
             "n = 2 windows + 2, m = 2 windows + 1",
             four_bars,
-            _four_bars_linked,
         ),
         "spatial-chain": Family(
             "bars on spherical joints, falling in space",

@@ -158,10 +158,15 @@ def _builder(data: Any) -> "type[Builder]":
     return planar.Builder
 
 
-def made(name: str, data: dict[str, Any]) -> Problem:
-    """Problem from data that are known to be those of a mechanism, whose start is consistent."""
+def made(name: str, data: dict[str, Any], mechanism: Any = None) -> Problem:
+    """Problem from data that are known to be those of a mechanism, whose start is consistent.
+
+    The model of the data may be given, as `models.trusted` makes it.
+    """
     kind = _builder(data)
-    builder = kind(name, Document(name, {}, {}), kind.model.model_validate(data))
+    if mechanism is None:
+        mechanism = kind.model.model_validate(data)
+    builder = kind(name, Document(name, {}, {}), mechanism)
     problem = builder.problem()
     return builder.completed(problem, frozenset(), problem.n - problem.m)
 

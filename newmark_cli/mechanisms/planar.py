@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, laws
-from newmark_cli.mechanisms.builder import MISFIT, Follows, Sum
+from newmark_cli.mechanisms import builder, elements, laws
+from newmark_cli.mechanisms.builder import MISFIT, Follows, Row, Sum
 from newmark_cli.mechanisms.models import (
     GROUND,
     AngleJoint,
@@ -39,6 +39,7 @@ from newmark_cli.mechanisms.models import (
     TorsionSpring,
     driven,
 )
+from newmark_cli.mechanisms.table import Group, Shape
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Push
 from newmark_cli.support.arrays import Array, IndexArray
@@ -81,25 +82,101 @@ class Builder(builder.Builder):
         self.moving: dict[str, int] = {}
         self.fixed: dict[str, complex] = {UNIT: 1 + 0j}
         self.sites: dict[str, dict[str, complex]] = {point: {point: 1} for point in points}
-        self.mass: dict[tuple[int, int], float] = {}
+        #: Of the places of angles that are coordinates.
+        self.turning_mass: dict[int, float] = {}
         #: Of angles that are coordinates, and their rates.
         self.start_angles: list[tuple[float, float]] = []
         if not self.broken and not any(point.at or not point.fixed for point in points.values()):
             self.mistakes.note(self.document.error(("points",), "no point moves"))
 
+    def together(self, key: str, parts: Mapping[str, Any]) -> bool:
+        """Build bodies and bars at once if all join points that are where they should be."""
+        if key not in ("bodies", "bars") or not parts:
+            return False
+        names = (*self.moving, *self.fixed)
+        number = {name: k for k, name in enumerate(names) if name != UNIT}
+        joined = [[number.get(part.from_, -1), number.get(part.to, -1)] for part in parts.values()]
+        starts, ends = np.array(joined).T
+        move = np.stack([starts, ends]) < len(self.moving)
+        if np.any((starts < 0) | (ends < 0) | (starts == ends) | ~move.any(axis=0)):
+            return False
+        x, y = self.position()[: 2 * len(self.moving)].reshape(-1, 2).T
+        at = np.append(x + 1j * y, [*self.fixed.values()])
+        lengths = np.array([part.length for part in parts.values()])
+        misfits = np.abs(np.abs(at[ends] - at[starts]) - lengths)
+        if not (self.mechanism.assemble or np.all(misfits <= MISFIT * lengths)):
+            return False
+        first, squares = len(self.rows), lengths * lengths
+        self.rows += [Row((key, part), f"{key}.{part}") for part in parts]
+        self.squares.update(enumerate(squares.tolist(), first))
+        fixed = np.where(move, 0.0, np.stack([0.0 - at[starts], at[ends]])).sum(axis=0)
+        constants = 0.0 + np.stack([fixed.real, fixed.imag, squares], axis=1)
+        groups = []
+        for moving in ([True, True], [True, False], [False, True]):
+            here = np.flatnonzero((move[0] == moving[0]) & (move[1] == moving[1]))
+            places = 2 * np.stack([starts, ends])[moving][:, here].T
+            weights = np.tile(np.array([-1.0, 1.0])[moving], (len(here), 1))
+            shape = Shape(elements.LINK, 2, False, 2, 1, sum(moving), 0, 0)
+            reals = np.hstack([constants[here], weights])
+            groups.append(Group(shape, here, first + here, places, reals))
+        self.elements.add_arrays(groups)
+        return True
+
     def weigh(self) -> None:
         """Mass matrix, and gravity on it."""
+        rows, columns, a, b = self._mass_blocks()
+        gx, gy = self.mechanism.gravity
         self.loads = np.zeros((len(self.moving), 2))
-        for name, body in self.mechanism.bodies.items():
-            self._body_mass(name, body)
-        for name, point in self.mechanism.points.items():
-            self._add_mass(name, name, complex(point.mass))
+        np.add.at(self.loads, rows // 2, np.stack([a * gx - b * gy, a * gy + b * gx], axis=1))
+        here = columns >= 0
+        i, j = rows[here, None] + [0, 0, 1, 1], columns[here, None] + [0, 1, 0, 1]
+        values = np.stack([a, -b, b, a], axis=1)[here]
+        there, angles = values != 0, np.array([*self.turning_mass], np.int64)
+        places = np.stack([np.append(i[there], angles), np.append(j[there], angles)])
+        n = 2 * len(self.moving) + len(self.turning)
+        keys, slots = np.unique(places[0] * n + places[1], return_inverse=True)
+        # Added up in this order.
+        added = np.append(values[there], [*self.turning_mass.values()])
+        sums = np.asarray(np.bincount(slots, added), float)
+        self.mass: tuple[IndexArray, Array] = np.stack([keys // n, keys % n]), sums
+
+    def _mass_blocks(self) -> tuple[IndexArray, IndexArray, Array, Array]:
+        """Places in u of the 2×2 blocks a + bR of M, −1 for a fixed point's columns, a and b."""
+        bodies = self.mechanism.bodies
+        starts, ends = (
+            np.array([self.moving.get(point, -1) for point in points], np.int64)
+            for points in (
+                [body.from_ for body in bodies.values()], [body.to for body in bodies.values()],
+            )
+        )  # fmt: skip
+        numbers = [
+            (*body.centre, math.hypot(*body.centre), body.mass, body.length, body.inertia)
+            for body in bodies.values()
+        ]
+        along, across, away, mass, length, inertia = np.array(numbers).reshape(-1, 6).T
+        for k, name in enumerate(bodies):
+            place = self.turning.get(f"{name}.angle")
+            if place is not None and inertia[k] > 0:
+                # Half of it turns with the angle: as regular as before, and the same motion.
+                inertia[k] = self.turning_mass[place] = inertia[k] / 2
+        about_first = (inertia + mass * (away * away)) / (length * length)
+        first = mass - 2 * mass * along / length + about_first
+        mixed, turned = mass * along / length - about_first, mass * across / length
+        points = [(place, self.mechanism.points[name].mass) for name, place in self.moving.items()]
+        of_points, masses = np.array(points).reshape(-1, 2).T
+        rows = np.stack([starts, starts, ends, ends], axis=1)
+        columns = np.stack([starts, ends, starts, ends], axis=1)
+        a = np.stack([first, mixed, mixed, about_first], axis=1)
+        b = np.stack([0 * turned, turned, -turned, 0 * turned], axis=1)
+        here = np.int64(of_points)
+        rows, columns = np.append(rows, here), np.append(columns, here)
+        a, b = np.append(a, masses), np.append(b, 0 * masses)
+        kept = (rows >= 0) & ((a != 0) | (b != 0))
+        return rows[kept], columns[kept], a[kept], b[kept]
 
     def masses(self) -> tuple[IndexArray, Array]:
         """(2, k) places of M, in their order, and their values."""
-        places = sorted(self.mass)
-        values = np.array([self.mass[place] for place in places])
-        return np.array(places, np.int64).reshape(-1, 2).T.copy(), values
+        return self.mass
 
     def position(self) -> Array:
         """(n,) coordinates: moving points, and angles behind them."""
@@ -302,39 +379,6 @@ class Builder(builder.Builder):
                     (*path, key), f"{name} is itself fixed on a body; a body needs two of 'points'"
                 )
         self._bars(body, path)
-
-    def _body_mass(self, name: str, body: Body) -> None:
-        along, across = body.centre
-        mass, length, inertia = body.mass, body.length, body.inertia
-        place = self.turning.get(f"{name}.angle")
-        if place is not None and inertia > 0:
-            # Half of it turns with the angle: as regular as before, and the same motion.
-            inertia = inertia / 2
-            self.mass[place, place] = inertia
-        away = math.hypot(along, across)
-        about_first = (inertia + mass * (away * away)) / (length * length)
-        first = complex(mass - 2 * mass * along / length + about_first)
-        mixed = complex(mass * along / length - about_first, mass * across / length)
-        self._add_mass(body.from_, body.from_, first)
-        self._add_mass(body.from_, body.to, mixed)
-        self._add_mass(body.to, body.from_, mixed.conjugate())
-        self._add_mass(body.to, body.to, complex(about_first))
-
-    def _add_mass(self, row: str, column: str, weight: complex) -> None:
-        """Add the 2×2 block a + bR to M, and its weight to the loads."""
-        if row not in self.moving or weight == 0:
-            return
-        i = self.moving[row]
-        share = weight * complex(*self.mechanism.gravity)
-        self.loads[i // 2] += (share.real, share.imag)
-        if column in self.moving:
-            j = self.moving[column]
-            a, b = weight.real, weight.imag
-            for place, value in (
-                ((i, j), a), ((i, j + 1), -b), ((i + 1, j), b), ((i + 1, j + 1), a)
-            ):  # fmt: skip
-                if value != 0:
-                    self.mass[place] = self.mass.get(place, 0.0) + value
 
     # -- parts -----------------------------------------------------------------------------------
 
