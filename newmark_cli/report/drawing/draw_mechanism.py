@@ -1,4 +1,4 @@
-"""Drawing of mechanisms: what `newmark_cli.mechanisms.sketch` sees, its key, and names."""
+"""Drawing of mechanisms: what `newmark_cli.report.drawing.sketch` sees, its key, and names."""
 
 import io
 import itertools
@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
-from newmark_cli.mechanisms.sketch import Drawable, Mark, Scene, is_spatial, marks, scene
 from newmark_cli.report.drawing.draw import drawn
 from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet, plain
+from newmark_cli.report.drawing.sketch import Drawable, Mark, Scene, is_spatial, marks, scene
 from newmark_cli.report.drawing.style import settled
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.files import write_output
