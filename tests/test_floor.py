@@ -1,4 +1,4 @@
-"""Floors of Newton's corrections: what is predicted from one state, beside what is measured."""
+"""Floors of Newton's corrections: steps taken anew at a few states, beside whole marches."""
 
 import json
 import shutil
@@ -9,7 +9,6 @@ import pandas as pd
 import pytest
 from covering import covering
 from each import each
-from marching import one_ulp_apart
 from test_formulations import subject_of
 
 import newmark_cli as newmark
@@ -17,7 +16,8 @@ from newmark_cli.newmark.floor import floor, unpredicted
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
-from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.linear.choice import Krylov
+from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 
@@ -37,7 +37,7 @@ def scheme_of(form, h, integrator=None, variant="optimal", formulation="index-3"
     return Scheme(integrator or BDF2(), formulated, scaling, h, formulation=chosen, **options)
 
 
-def quotients(subject, scheme, steps, states=5, samples=5):
+def quotients(subject, scheme, steps, states=10):
     """Predicted over measured rms of every block that the march records."""
     march, norms, iterations, predicted = March(subject, scheme), [], [], []
     for _ in range(states):
@@ -46,8 +46,7 @@ def quotients(subject, scheme, steps, states=5, samples=5):
             norms.append(stretch.norms)
             iterations.append(stretch.iterations)
             if half == 0:
-                found = floor(subject, scheme, march.t, march.here, march.system, samples)
-                predicted.append(list(found.scaled.values()))
+                predicted.append(list(floor(march).scaled.values()))
     norms, iterations = np.concatenate(norms), np.concatenate(iterations)
     assert np.mean(iterations > 0) > 0.95
     measured = np.sqrt(np.mean(norms[iterations > 0] ** 2, axis=0))
@@ -55,7 +54,7 @@ def quotients(subject, scheme, steps, states=5, samples=5):
 
 
 def test_floors_are_predicted():
-    """Nine in ten within a factor of two, all within three, with no constant fitted."""
+    """Nineteen in twenty within a factor of two, all within three."""
     cases = [
         *covering(list(SUBJECTS), list(FORMS), INTEGRATORS, ["direct"], ["float64", "float32"]),
         *covering(list(QUADRATIC), list(FORMS), INTEGRATORS, ["compensated"], ["float64"]),
@@ -69,31 +68,21 @@ def test_floors_are_predicted():
         options = {"evaluation": evaluation, "precision": precision}
         scheme = scheme_of(form, h, integrator, **options)
         of_blocks = quotients(subject_of(name), scheme, steps)
-        if np.abs(np.log(of_blocks)).max() > np.log(2):
-            # At times one step rules the rms: the median over starts one unit apart.
-            starts = one_ulp_apart(subject_of(name), 3)
-            of_blocks = np.median([quotients(each, scheme, steps) for each in starts], axis=0)
         for unknown, quotient in zip(scheme.recorded, of_blocks, strict=True):
             where = (name, form, integrator.label, evaluation, precision, unknown)
             found[where] = max(quotient, 1 / quotient)
     worst = sorted(found.items(), key=lambda item: -item[1])[:5]
     assert worst[0][1] < 3, worst
-    assert np.mean([factor < 2 for factor in found.values()]) >= 0.9, worst
+    assert np.mean([factor < 2 for factor in found.values()]) >= 0.95, worst
 
 
-@pytest.mark.bits("a start off the constraints comes back to them above the floor")
 @each("formulation", FORMULATIONS)
 def test_floors_of_formulations_are_predicted(formulation):
-    """Their rows of constraints round too; with η eliminated fields are predicted as well.
-
-    Of so few steps and draws a quotient scatters by a factor of 1.4, and at times one step
-    rules them all: medians over starts one unit in the last place apart.
-    """
+    """Their rows of constraints round too; with η eliminated fields are predicted as well."""
     for form, evaluation in (("a-lambda", "direct"), ("u-lambda", "compensated")):
         scheme = scheme_of(form, 1e-4, formulation=formulation, evaluation=evaluation)
-        starts = one_ulp_apart(subject_of("andrews"), 4)
-        found = np.log([quotients(start, scheme, 300, samples=6) for start in starts])
-        assert np.all(np.abs(np.median(found, axis=0)) < np.log(2))
+        found = np.log(quotients(subject_of("andrews"), scheme, 300))
+        assert np.all(np.abs(found) < np.log(2)), np.exp(found)
 
 
 def test_exact_zeros_are_predicted():
@@ -103,11 +92,25 @@ def test_exact_zeros_are_predicted():
     norms, zeros = [], []
     for _ in range(10):
         norms.append(march.advance(200).norms)
-        zeros.append(floor(subject, scheme, march.t, march.here, samples=10).zeros["v"])
-    measured = np.mean(np.concatenate(norms)[:, 0] < 1e-18)
-    assert 0.4 < measured < 0.8
-    # What rounds only in f is not zero, but as small.
-    assert np.mean(zeros) <= measured + 0.1
+        zeros.append(floor(march).zeros["v"])
+    measured = np.mean(np.concatenate(norms)[:, 0] == 0)
+    assert 0.2 < measured < 0.8
+    assert abs(np.mean(zeros) - measured) < 0.15
+
+
+def test_the_march_goes_on_as_if_nobody_had_looked():
+    """Neither its state nor its counts, with a solver that remembers what it did as well."""
+    for solver in ("dense-lu", "sparse-lu", "gmres"):
+        marches = [March(subject_of("andrews"), scheme_of("a-lambda", 1e-4), solver, Krylov())
+                   for _ in range(2)]  # fmt: skip
+        for one in marches:
+            one.advance(3)
+        assert floor(marches[0], 2).scaled["lambda"] > 0
+        norms = [one.advance(3).norms for one in marches]
+        np.testing.assert_array_equal(*norms)
+        assert marches[0].corrections == marches[1].corrections
+        if solver == "gmres":
+            assert marches[0].system.iterations == marches[1].system.iterations
 
 
 def test_what_is_not_predicted():
@@ -116,13 +119,10 @@ def test_what_is_not_predicted():
     penalised = scheme_of("u-lambda", 1e-5, formulation="augmented-lagrangian factor=10")
     stopping = scheme_of("u-lambda", 1e-5, stop=Tolerance(1e-9))
     assert "penalty" in unpredicted(penalised)
-    assert "tolerance" in unpredicted(stopping)
-    with pytest.raises(ValueError, match="tolerance"):
-        floor(subject, stopping, 0.0, initial_state(subject, stopping))
-    subject, coarse = subject_of("thrown"), scheme_of("u-lambda", 0.4, evaluation="compensated")
-    march = March(subject, coarse)
-    march.advance(1)
-    assert np.isnan(list(floor(subject, coarse, march.t, march.here).scaled.values())).all()
+    with pytest.raises(ValueError, match="stops at a tolerance"):
+        floor(March(subject, stopping))
+    coarse = newmark.floor("andrews", h=0.1, t_end=0.03)
+    assert np.isnan(list(coarse.scaled.values())).all()
 
 
 STUDY = """\
@@ -180,6 +180,6 @@ def test_floors_of_matrices_are_those_of_the_problem():
     state = {"u": u, "v": v, "a": a, "lambda": march.here.multipliers}
     matrices = {"M": subject.M, "G": terms.G, "X": terms.X, "Y": terms.Y, **state}
     found = newmark.floor(matrices, h=h, integrator="bdf2")
-    expected = floor(subject, march.scheme, march.t, march.here, samples=100)
+    expected = floor(march, samples=100)
     for unknown in ("u", "lambda"):
         assert 1 / 3 < found.physical[unknown] / expected.physical[unknown] < 3

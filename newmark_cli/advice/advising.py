@@ -281,7 +281,7 @@ def advise(
     if why and tests.tolerances:
         raise ArgumentError(f"a tolerance cannot be judged: {why}")
     tolerances = tuple(_tolerances(floors, schemes))
-    turning = [f"{smallest.h:g}" for smallest in tolerances if math.isnan(smallest.scaled)]
+    too_coarse = [f"{smallest.h:g}" for smallest in tolerances if math.isnan(smallest.scaled)]
     findings = (
         *diagnosed(tests, about, scheme_at, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
@@ -291,10 +291,10 @@ def advise(
         *([f"no floors and no tolerances: {why}"] if why else []),
         *(
             [
-                f"no floors and no tolerances at h = {', '.join(dict.fromkeys(turning))}: "
-                "G changes by more than a quarter within a step"
+                f"no floors and no tolerances at h = {', '.join(dict.fromkeys(too_coarse))}: "
+                "Newton's iteration does not converge from some of the states"
             ]
-            if turning
+            if too_coarse
             else []
         ),
         *about.notes,
@@ -507,18 +507,19 @@ def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
 def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float | None]:
     """Fraction of ‖λ‖ → largest step size at which its noise exceeds it."""
     parts = np.array([noise(float(h)) for h in _GRID]) / size
-    return {fraction: _crossing(parts, fraction) for fraction in FRACTIONS}
+    known = ~np.isnan(parts)  # the largest steps may not converge
+    return {fraction: _crossing(_GRID[known], parts[known], fraction) for fraction in FRACTIONS}
 
 
-def _crossing(parts: Array, fraction: float) -> float | None:
+def _crossing(grid: Array, parts: Array, fraction: float) -> float | None:
     above = np.flatnonzero(parts >= fraction)
     if len(above) == 0:
-        return 0.0
+        return 0.0 if len(grid) else None
     if (k := int(above[0])) == 0 or np.isinf(parts[k]):
         return None
     before, after = np.log(np.maximum(parts[k - 1 : k + 1], np.finfo(float).tiny))
     place = (math.log(fraction) - before) / (after - before)
-    return float(_GRID[k - 1] * (_GRID[k] / _GRID[k - 1]) ** place)
+    return float(grid[k - 1] * (grid[k] / grid[k - 1]) ** place)
 
 
 def _code(

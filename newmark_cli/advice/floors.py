@@ -1,4 +1,4 @@
-"""Floors of Newton's corrections for notebooks: predicted before anything is run."""
+"""Floors of Newton's corrections for notebooks: predicted from single steps."""
 
 from typing import Any
 
@@ -46,8 +46,8 @@ def floor(
 
     Returns:
         For each unknown the rms of the 2-norm of its last correction over a few states,
-        scaled and physical, and the share of corrections that are exactly zero; see
-        docs/floors.md for the model.
+        scaled and physical, and the share of corrections that are exactly zero; NaN where a
+        step does not converge.  See docs/floors.md.
 
     Raises:
         ArgumentError: For an argument of the wrong type, size or name, and for a scheme

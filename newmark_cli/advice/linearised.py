@@ -17,7 +17,7 @@ from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.jacobian import Jacobian
-from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.noise import multiplier_noise, violations
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
@@ -45,9 +45,9 @@ _MOTIONS = 3
 _FARTHEST = 1e60
 #: Entries below this times the largest of their row and of their column count as zeros.
 _NOTHING = 1e-40
-#: Draws of the rounding errors at each state, for a floor and for one that is only compared.
+#: Steps that are taken anew at each state, for a floor and for one that is only compared.
 _SAMPLES, _ROUGHLY = 8, 2
-#: Factor on draws where there is one state; stride over states for what is only compared.
+#: Factor on them where there is one state; stride over states for what is only compared.
 _ALONE = 4
 #: Multiple of a rounding whose effect is looked at.
 _AMPLIFIED = 1024.0
@@ -183,7 +183,7 @@ class Subject:
             return []
         samples = (_ROUGHLY if roughly else _SAMPLES) * (1 if len(self.states) > 1 else _ALONE)
         return [
-            floor(at, scheme, at.t0, self._start(at, scheme), samples=samples)
+            floor(March(at, scheme, state=self._start(at, scheme)), samples)
             for at in self.states[:: _ALONE if roughly else 1]
         ]
 

@@ -112,6 +112,7 @@ class March:
         problem: What marches.
         grid: When its steps are.
         solver: Linear solver in use.
+        krylov: How a Krylov solver was asked for; None otherwise.
         state: Where the march is; overwritten as it goes on.
         done: Steps taken, of this grid.
         earlier: Steps before them, of the march that this one goes on with at another h.
@@ -142,7 +143,7 @@ class March:
             done: Steps that it had taken.
             grid: When the steps are; all are of the scheme's size when omitted.
         """
-        self.problem = problem
+        self.problem, self.krylov = problem, krylov
         self.grid = grid or TimeGrid(problem.t0, scheme.h)
         self.schemes = Schemes(scheme, self.grid)
         self.solver = choice.choose(

@@ -1090,8 +1090,9 @@ class _Floors(Observer):
 
         # The state after a step that did not converge is no state of the motion.
         if self._converged:
-            predicted = floor(march.problem, march.scheme, march.t, march.here, march.system)
-            self._samples.append((predicted.scaled, predicted.physical))
+            found = floor(march)
+            if not np.isnan(list(found.scaled.values())).any():
+                self._samples.append((found.scaled, found.physical))
 
     def measured(self) -> list[Measurement]:
         return [
@@ -1108,8 +1109,8 @@ class _Floors(Observer):
 
 FLOOR = Measure(
     "floor",
-    "expected size of the last decreasing Newton corrections, predicted from rounding at sampled "
-    "states",
+    "expected size of the last decreasing Newton corrections, from steps off by rounding at "
+    "sampled states",
     _scaled_and_physical("floor", "predicted ", "predicted floor of"),
     _Floors,
     stop=False,

@@ -1,8 +1,9 @@
-"""Predicted floors of Newton's corrections beside measured ones, over the planar problems.
+"""Floors of Newton's corrections, from steps taken anew, beside those of whole marches.
 
 Every form, three integrators, both evaluations, both precisions, at step sizes around the
-paper's.  Prints for each problem the quotients predicted / measured: how many there are, how
-many are within a factor of two, the least and the largest, and those that are not.
+paper's, over the planar problems.  Prints for each problem the quotients predicted / measured:
+how many there are, how many are within a factor of two, the least and the largest, and those
+that are not.  Fails where fewer than 98 % of all are within a factor of two.
 
     python tests/verification/floors.py [problem ...]
 """
@@ -29,6 +30,8 @@ INTEGRATORS = [
     {"method": "generalized-alpha", "rho": 0.9},
     {"method": "bdf2"},
 ]
+#: Share of quotients that must be within a factor of two.
+ENOUGH = 0.98
 #: Columns that tell one point from another.
 KEYS = ["form", "integrator", "evaluation", "precision", "h", "quantity"]
 
@@ -53,12 +56,12 @@ def quotients(problem: str):
 
 
 def main(problems) -> int:
-    """Print what was found; 1 where the model fails."""
-    failed, every = False, []
+    """Print what was found; 1 where too many are farther off."""
+    every = []
     for problem in problems or STUDIES:
         found = quotients(problem)
         q = found["quotient"].to_numpy()
-        near, inside = (q > 0.5) & (q < 2), (q > 0.3) & (q < 3)
+        near, inside = _near(q), (q > 0.3) & (q < 3)
         every.append(q)
         print(f"{problem}: {len(q)} points, {np.mean(near):.1%} within 0.5 … 2, "
               f"{np.sum(~inside)} outside 0.3 … 3, least {q.min():.2f}, largest {q.max():.2f}",
@@ -66,10 +69,13 @@ def main(problems) -> int:
         odd = found[~near][["quotient", "rms", "zeros", "steps", "newton_iterations"]]
         if len(odd):
             print(odd.to_string(), flush=True)
-        failed |= np.mean(near) < 0.9 or not inside.all()
-    q = np.concatenate(every)
-    print(f"all: {len(q)} points, {np.mean((q > 0.5) & (q < 2)):.1%} within 0.5 … 2")
-    return int(failed)
+    near = _near(np.concatenate(every))
+    print(f"all: {len(near)} points, {np.mean(near):.1%} within 0.5 … 2")
+    return int(np.mean(near) < ENOUGH)
+
+
+def _near(quotients):
+    return (quotients > 0.5) & (quotients < 2)
 
 
 if __name__ == "__main__":
