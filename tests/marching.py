@@ -1,6 +1,7 @@
 """What tests of marches share: steps, states along a run, what "the same step" means."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from newmark_cli.newmark import compiled_march, kernel, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.march_data import recording
 from newmark_cli.newmark.scaling import named_scaling
@@ -47,26 +49,38 @@ def one_ulp_apart(subject, count):
 _engine = None
 
 
-def engine_of(subject, scheme):
-    """The compiled engine of a problem and a scheme."""
+def compiled(subject, scheme):
+    """The engine whose every part is compiled, if the problem is."""
     global _engine
     if _engine is None or _engine.problem is not subject or _engine.scheme is not scheme:
         _engine = compiled_march.Engine(subject, scheme)
     return _engine
 
 
-def marched(engine, subject, scheme, state, first, norms, iterations, **options):
-    """How steps end, and how many are taken; ``engine`` is a module."""
-    if engine is compiled_march:
-        return engine_of(subject, scheme).march(state, first, norms, iterations, **options)
-    return engine.march(subject, scheme, state, first, norms, iterations, **options)
+def in_python(subject, scheme, system=None, **options):
+    """An engine that calls the problem's functions and a linear system, dense or given, in Python.
+
+    Residuals aside, what it adds up is assembled by other code than the kernel's.
+    """
+    system = system or DenseSystem(subject, scheme)
+    given = {"system_at": lambda step: system, **options}
+    return compiled_march.Engine(replace(subject, compiled=False), scheme, **given)
 
 
-def march(engine, subject, scheme, state, first, steps, **options):
-    """Norms and iterations of steps that are all taken; ``engine`` is a module."""
+def in_system(subject, scheme, system):
+    """The same for one linear system, with the problem's own functions."""
+    return compiled_march.Engine(subject, scheme, system_at=lambda step: system)
+
+
+#: Ways to march.
+ENGINES = compiled, in_python
+
+
+def march(engine, subject, scheme, state, first, steps):
+    """Norms and iterations of steps that are all taken; ``engine`` is a function above."""
     norms = np.zeros((steps, len(scheme.recorded)))
     iterations = np.zeros(steps, np.int64)
-    ending = marched(engine, subject, scheme, state, first, norms, iterations, **options)
+    ending = engine(subject, scheme).march(state, first, norms, iterations)
     assert ending == (march_data.COMPLETED, steps)
     return norms, iterations
 
@@ -83,17 +97,27 @@ def interpreted_march(
     )  # fmt: skip
     kept = recording(state, np.empty(0)) if record is None else record
     given = engine.arguments(state, first, counts, kept)
-    functions, tables, (static, dense), extra, _, schedule, sizes, *_ = given
-    numbers = (*given[4:], kernel._allocate(*tables, dense, state, schedule, sizes))
-    evaluate, derive, solve = functions
+    functions, (of_problem, of_step), (static, dense), extra, python, _, schedule, sizes, *_ = given
+    tables = of_problem._replace(ints=subject.ints), of_step
+    numbers = (python.calls, *given[5:], kernel._allocate(*tables, dense, state, schedule, sizes))
+    evaluate, derive, solve = subject.function, subject.derivatives, functions[2]
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):
                 patch.setattr(kernel, name, function.py_func)
         if extra is None:
             return kernel._march_index_3(evaluate, solve, *tables, static, dense, *numbers)
-        work = kernel._allocate_constraining(tables[0], extra, state, norms.shape[1])
+        work = kernel._allocate_constraining(tables[0], dense, extra, state, norms.shape[1])
         return kernel._march_formulated(evaluate, derive, *tables, dense, extra, *numbers, work)
+
+
+class Interpreted:
+    """In place of the engine of a march."""
+
+    pivoted = 0
+
+    def __init__(self, subject, scheme):
+        self.march = partial(interpreted_march, subject, scheme)
 
 
 def start(subject, integrator=None, h=1e-2):
@@ -107,7 +131,7 @@ def states(subject, integrator, h, count):
     state = initial_state(subject, scheme)
     for k in range(count):
         yield 25 * k, state.copy()
-        march(compiled_march, subject, scheme, state, 25 * k, 25)
+        march(compiled, subject, scheme, state, 25 * k, 25)
 
 
 def assert_same_step(subject, scheme, first, second):

@@ -13,19 +13,17 @@ from damped import damped
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from marching import EPS, STEP, march
+from marching import ENGINES, EPS, STEP, in_python, march
 from mpmath import mp, mpf
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import compiled_march, kernel, scipy_march
+from newmark_cli.newmark import kernel
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme
-
-ENGINES = (compiled_march, scipy_march)
 
 #: Shipped problems whose constraints are quadratic and do not depend on time.
 QUADRATIC = [name for name in PROBLEMS if name != "shaken-pendulum"]
@@ -111,8 +109,8 @@ def march_100(subject, engine, h, cap):
     return state, change, EPS * size * h * np.abs(state.past[1]).max()
 
 
-#: The march in SciPy is the same code for all problems, and slow.
-SLOWLY = [(name, scipy_march) for name in ("pendulum", "undriven", "heavy-top")]
+#: In Python the march is the same code for all problems, and slow.
+SLOWLY = [(name, in_python) for name in ("pendulum", "undriven", "heavy-top")]
 
 
 @each("name, engine", [*itertools.product([*QUADRATIC, "undriven"], ENGINES[:1]), *SLOWLY])

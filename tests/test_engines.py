@@ -1,4 +1,4 @@
-"""The two engines held to each other, the kernel's solver, and forms to one another."""
+"""Engines held to each other, the kernel's solver, and forms to one another."""
 
 import itertools
 
@@ -8,10 +8,21 @@ from damped import damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import EPS, INTEGRATORS, STEP, assert_same_step, march, marched, scheme_of, states
+from marching import (
+    ENGINES,
+    EPS,
+    INTEGRATORS,
+    STEP,
+    assert_same_step,
+    compiled,
+    in_python,
+    march,
+    scheme_of,
+    states,
+)
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import compiled_march, kernel, march_data, scipy_march
+from newmark_cli.newmark import kernel, march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.march import initial_state
@@ -54,7 +65,7 @@ def test_the_residual_is_that_of_the_equations(n, m, extra, seed):
 
 @each("name, form, variant, integrator", covering(STEPPED, FORMS, VARIANTS, INTEGRATORS))
 def test_engines_agree_per_step(name, form, variant, integrator):
-    """Kernel and SciPy march take the same step, to rounding, from states along a run.
+    """Matrices of the kernel and of terms give the same step, to rounding, along a run.
 
     Both are given the weights of forms and integrators and the factors of scalings: pairs do.
     """
@@ -62,8 +73,8 @@ def test_engines_agree_per_step(name, form, variant, integrator):
     scheme = scheme_of(form, variant, STEP[name], integrator)
     for first, state in states(subject, integrator, scheme.h, count=2):
         ours, reference = state.copy(), state.copy()
-        found, _ = march(compiled_march, subject, scheme, ours, first, 1)
-        expected, _ = march(scipy_march, subject, scheme, reference, first, 1)
+        found, _ = march(compiled, subject, scheme, ours, first, 1)
+        expected, _ = march(in_python, subject, scheme, reference, first, 1)
         assert_same_step(subject, scheme, ours, reference)
         # What is recorded is rounding, or nothing.
         limits = scheme.right * found + scheme.right * expected
@@ -79,12 +90,12 @@ def test_all_forms_take_the_same_step(name, variant):
         for form in FORMS:
             scheme = scheme_of(form, variant, STEP[name])
             results[form] = state.copy()
-            march(compiled_march, subject, scheme, results[form], first, 1)
+            march(compiled, subject, scheme, results[form], first, 1)
         for form in FORMS:
             assert_same_step(subject, scheme, results["u-lambda"], results[form])
 
 
-@each("engine", [compiled_march, scipy_march])
+@each("engine", ENGINES)
 def test_terminal_phase_needs_two_small_corrections(engine):
     """The first correction of the pendulum at h = 1e-4 is h²/2, no rounding; never recorded."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 1e-4)
@@ -93,18 +104,18 @@ def test_terminal_phase_needs_two_small_corrections(engine):
     assert norms[:, 0].max() < 1e-15
 
 
-@each("engine", [compiled_march, scipy_march])
+@each("engine", ENGINES)
 def test_what_cannot_be_solved_ends_the_march(engine):
     """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 0.1)
     state = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1, 2, 3)))
     counts = np.zeros((3, 2)), np.zeros(3, np.int64)
-    ending = marched(engine, subject, scheme, state, 0, *counts)
+    ending = engine(subject, scheme).march(state, 0, *counts)
     assert ending == (march_data.SINGULAR, 0)
     state = initial_state(subject, scheme)
     state.past[1] = 1e200
     with np.errstate(all="ignore"):
-        ending, done = marched(engine, subject, scheme, state, 0, *counts)
+        ending, done = engine(subject, scheme).march(state, 0, *counts)
     assert ending == march_data.DIVERGED
     assert done == 0
 

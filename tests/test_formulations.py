@@ -1,7 +1,7 @@
 """Formulations and projections: their Jacobians, and the engines held to each other."""
 
 import itertools
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,11 +10,11 @@ from damped import damped
 from each import each
 from examples import car_axis
 from general import constraint, force, general, gradient
-from marching import EPS, interpreted_march
+from marching import EPS, Interpreted, in_python
 from mechanisms import built
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import constraints, scipy_march
+from newmark_cli.newmark import constraints
 from newmark_cli.newmark.constraints import (
     constraining_of,
     least_inertia,
@@ -135,12 +135,14 @@ def scheme_of(formulation, form="a-lambda", h=1e-2, integrator=None, **options):
 
 
 def march_of(subject, scheme, engine="kernel", **options) -> March:
-    """A march by one of the engines: the kernel, SciPy dense or sparse."""
+    """A march: compiled, by a dense or a sparse system in Python, or interpreted."""
     march = March(subject, scheme, "sparse-lu" if engine == "sparse" else "dense-lu", **options)
     if engine == "dense":
-        march._engine = partial(scipy_march.march, subject, scheme, system=march.system)
+        march._engine = in_python(
+            subject, scheme, march.system, constraining=march.system.constraining
+        )  # fmt: skip
     if engine == "interpreted":
-        march._engine = partial(interpreted_march, subject, scheme)
+        march._engine = Interpreted(subject, scheme)
     return march
 
 
@@ -384,7 +386,7 @@ def assert_engines_agree(
     covering(FORMULATIONS, FORMS, EVALUATIONS, QUADRATIC, VARIANTS, INTEGRATORS, PROJECTIONS),
 )
 def test_engines_agree(formulation, form, evaluation, name, variant, integrator, projection):
-    """Kernel, dense and sparse SciPy march take the same step where Φ is quadratic."""
+    """With matrices of the kernel, and of both systems, one step where Φ is quadratic."""
     assert_engines_agree(name, formulation, form, integrator, variant, evaluation, projection)
 
 

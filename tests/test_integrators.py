@@ -11,11 +11,10 @@ from damped import DAMPING, MASS, STIFFNESS, damped
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import INTEGRATORS, march, scheme_of
+from marching import ENGINES, INTEGRATORS, compiled, march, scheme_of
 from mpmath import mp, mpf
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import (
     BDF1,
@@ -126,7 +125,7 @@ def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
     u, v, a, rate, multipliers = textbook_motion(integrator)
     subject = replace(damped(), quadratic=True)
     scheme = Scheme(integrator, form, named_scaling("optimal", form), H, evaluation=evaluation)
-    for engine in (compiled_march, scipy_march):
+    for engine in ENGINES:
         state = initial_state(subject, scheme)
         march(engine, subject, scheme, state, 0, STEPS)
         expected = [*zip(state.fields, (u, v, a, rate), strict=True)]
@@ -215,7 +214,7 @@ def test_corrections_have_the_predicted_orders(integrator, form, variant):
     for step in h:
         scheme = Scheme(integrator, form, scaling, step)
         state = initial_state(subject, scheme)
-        norms, iterations = march(compiled_march, subject, scheme, state, 0, int(3.0 / step))
+        norms, iterations = march(compiled, subject, scheme, state, 0, int(3.0 / step))
         assert np.all(iterations > 0)
         for found in corrections(scheme, norms, iterations):
             values.setdefault((found.measure, found.quantity), []).append(found.statistics.rms)

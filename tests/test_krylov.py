@@ -1,15 +1,17 @@
 """Krylov solvers: their solutions, what they record, when they give up."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from covering import covering
 from damped import damped
 from each import each
-from marching import assert_same_step, in_motion, march, scheme_of, start
+from marching import assert_same_step, in_motion, in_system, march, scheme_of, start
 
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import march_data, scipy_march
+from newmark_cli.newmark import march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear import choice, systems
@@ -123,7 +125,7 @@ def test_singular_matrices_end_the_march(solver):
     for array in at_pivot:
         array[:] = 0
     norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    ending = scipy_march.march(subject, scheme, at_pivot, 0, norms, iterations, system)
+    ending = in_system(subject, scheme, system).march(at_pivot, 0, norms, iterations)
     assert ending == (march_data.STAGNATED, 0)
     assert system.residuals[0] > 0.1
 
@@ -136,15 +138,16 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     """Solves to 1e-8 do for Newton's corrections to end in rounding, the same as LU's."""
     subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
     first, second = start(subject, integrator, h), start(subject, integrator, h)
-    ours, taken = march(scipy_march, subject, scheme, first, 0, 40,
-                        system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
-    theirs, _ = march(scipy_march, subject, scheme, second, 0, 40,
-                      system=SparseSystem(subject, scheme))  # fmt: skip
+    by_gmres, by_lu = (
+        partial(in_system, system=systems.system(solver, subject, scheme))
+        for solver in (choice.GMRES, choice.SPARSE)
+    )
+    ours, taken = march(by_gmres, subject, scheme, first, 0, 40)
+    theirs, _ = march(by_lu, subject, scheme, second, 0, 40)
     assert taken.min() > 0
     rms = np.sqrt(np.mean(ours**2, 0) / np.mean(theirs**2, 0))
     assert rms == pytest.approx(1, rel=0.5)
     again = first.copy()
-    march(scipy_march, subject, scheme, first, 40, 1,
-          system=systems.system(choice.GMRES, subject, scheme))  # fmt: skip
-    march(scipy_march, subject, scheme, again, 40, 1, system=SparseSystem(subject, scheme))
+    march(by_gmres, subject, scheme, first, 40, 1)
+    march(by_lu, subject, scheme, again, 40, 1)
     assert_same_step(subject, scheme, first, again)

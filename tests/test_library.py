@@ -6,6 +6,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import numba
@@ -16,7 +17,7 @@ import pytest
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.newmark import kernel
+from newmark_cli.newmark.callbacks import Callbacks
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.problems.fingerprint import of_definition
 
@@ -287,7 +288,8 @@ def test_an_exception_in_a_callback_leaves_a_usable_trajectory(error):
     same((part.u, whole.u[:6]), (rest.u, whole.u[5:]))
 
 
-def test_an_exception_in_a_problem_leaves_what_was_marched():
+@each("linear_solver, steps", [("sparse-lu", 20), ("dense-lu", 16)])
+def test_an_exception_in_a_problem_leaves_what_was_marched(linear_solver, steps):
     """The user's error travels on; the state is that before the stretch that it ended."""
 
     def force(u, v, t):
@@ -297,11 +299,12 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
 
     given = dataclasses.replace(double_pendulum(), force=force)
     with pytest.raises(ZeroDivisionError) as caught:
-        newmark.march(given, h=0.01, t_end=1.0, linear_solver="sparse-lu")
+        newmark.march(given, h=0.01, t_end=1.0, linear_solver=linear_solver)
     part = caught.value.trajectory
-    assert (part.status, part.steps) == ("interrupted", 20)
+    assert (part.status, part.steps) == ("interrupted", steps)
     assert np.all(np.isfinite(part.u))
-    same((part.u, newmark.march(double_pendulum(), h=0.01, t_end=0.2, linear_solver="sparse-lu").u))
+    well = newmark.march(double_pendulum(), h=0.01, steps=steps, linear_solver=linear_solver)
+    same((part.u, well.u))
 
 
 INTERRUPTED = """\
@@ -329,24 +332,48 @@ def test_an_interrupt_leaves_a_usable_trajectory(cli):
     assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
 
 
-def test_an_interrupt_is_not_lost_on_the_way_to_the_kernel(monkeypatch):
-    """No handler raises while numba asks for functions: it would take that for another error."""
-    address, asked = kernel._Compiled.__wrapper_address__, []
+@each("compiled", [True, False])
+def test_an_interrupt_is_not_lost_on_the_way_to_the_kernel(monkeypatch, compiled):
+    """No handler raises where compiled code could not hand an exception on."""
+    served, asked = Callbacks.served, []
 
-    def interrupted(function):
-        signal.raise_signal(signal.SIGINT)
-        asked.append(function)
-        return address(function)
+    @contextmanager
+    def interrupted(self, *arguments):
+        with served(self, *arguments):
+            signal.raise_signal(signal.SIGINT)
+            asked.append(self)
+            yield
 
-    monkeypatch.setattr(kernel._Compiled, "__wrapper_address__", interrupted)
+    monkeypatch.setattr(Callbacks, "served", interrupted)
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt) as caught:
-            newmark.march("pendulum", h=1e-2, steps=5)
+            newmark.march("pendulum" if compiled else double_pendulum(), h=1e-2, steps=5)
     finally:
         signal.signal(signal.SIGINT, before)
-    assert asked
+    assert len(asked) == 1
     assert caught.value.trajectory.status == "interrupted"
+
+
+def test_an_interrupt_ends_functions_in_python_at_once():
+    """Not only after the stretch of steps that asks for them."""
+    calls = []
+
+    def force(u, v, t):
+        calls.append(t)
+        if t > 0.305:
+            signal.raise_signal(signal.SIGINT)
+            calls.append(np.inf)  # it goes on
+        return np.array([0.0, -9.81, 0.0, -9.81])
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt) as caught:
+            newmark.march(dataclasses.replace(double_pendulum(), force=force), h=0.01, t_end=1.0)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert max(calls) < 0.32
+    assert caught.value.trajectory.steps == 16
 
 
 #: A point that is pulled out of its line of motion ever faster: λ and u overflow.

@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 from conftest import QUICK, rows_in
 from each import each
-from marching import interpreted_march
+from marching import in_python, interpreted_march
 from test_formulations import PROJECTIONS, scheme_of, subject_of
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.newmark import kernel, operations, scipy_march
+from newmark_cli.newmark import kernel, operations
 from newmark_cli.newmark.formulation import NEWTON
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.linear.ordering import Order
@@ -176,11 +176,11 @@ def test_calls_of_the_kernel(formulation, projection, evaluation, monkeypatch):
 
 
 def test_corrections_of_positions_are_counted_by_each_engine():
-    """One or more in every step; the kernel and the march in SciPy agree."""
+    """One or more in every step, whether the kernel solves or Python."""
     subject = subject_of("thrown")
     scheme = scheme_of("index-2", h=0.1, projection="position-velocity")
     kernel_march, other = (March(subject, scheme, "dense-lu") for _ in range(2))
-    other._engine = partial(scipy_march.march, subject, scheme, system=other.system)
+    other._engine = in_python(subject, scheme, other.system)
     for march in (kernel_march, other):
         march.advance(5)
         march.advance(5)

@@ -86,7 +86,7 @@ def test_compiled_code_runs_through_the_kernel(cli):
     assert verdicts.count("pass") >= 3
 
 
-def test_plain_code_runs_through_the_scipy_march(cli):
+def test_plain_code_runs(cli):
     """Functions that numba did not compile; every cell ends well."""
     python_study(cli, "false")
     assert "6 ok" in cli("run", "mine.yaml", "--allow-code").stdout

@@ -9,12 +9,11 @@ from covering import covering
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from marching import interpreted_march, march
+from marching import compiled, interpreted_march, march
 from numba import njit
 
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import compiled_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS, Formulation, Projection
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
@@ -77,7 +76,7 @@ def test_elements_compute_in_single_precision(everything, seed, t):
 def require_interpreted_steps(subject, scheme, steps):
     """Compiled and interpreted marches agree bit by bit; the state at the end."""
     ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
-    norms, iterations = march(compiled_march, subject, scheme, ours, 0, steps)
+    norms, iterations = march(compiled, subject, scheme, ours, 0, steps)
     expected = np.zeros_like(norms), np.zeros_like(iterations)
     interpreted_march(subject, scheme, reference, 0, *expected)
     np.testing.assert_array_equal(norms, expected[0])

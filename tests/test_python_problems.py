@@ -8,7 +8,6 @@ import pytest
 from each import each
 from marching import scheme_of
 
-from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.problems import constraint_rows, python_problem
@@ -25,10 +24,10 @@ REFERENCE_RATES = np.array(
 )  # fmt: skip
 
 
-def march(engine, subject, h, t_end, form="u-lambda"):
+def march(subject, h, t_end, form="u-lambda"):
     scheme = scheme_of(form, "optimal", h)
     state = initial_state(subject, scheme)
-    _, iterations = marching.march(engine, subject, scheme, state, 0, round(t_end / h))
+    _, iterations = marching.march(marching.compiled, subject, scheme, state, 0, round(t_end / h))
     assert np.all(iterations > 0)
     return state
 
@@ -44,7 +43,7 @@ def test_car_axis_converges_to_the_published_reference(car_axis):
     h = np.array([1e-3, 5e-4, 2.5e-4])
     errors = []
     for step in h:
-        state = march(compiled_march, car_axis[True], step, 3.0)
+        state = march(car_axis[True], step, 3.0)
         errors.append(
             [np.abs(state.fields[0] - REFERENCE).max(),
              np.abs(state.fields[1] - REFERENCE_RATES).max()]
@@ -56,9 +55,9 @@ def test_car_axis_converges_to_the_published_reference(car_axis):
 
 @each("form", FORMS)
 def test_plain_and_compiled_functions_march_alike(car_axis, form):
-    """The SciPy march with plain Python, the kernel with compiled functions: one motion."""
-    plain = march(scipy_march, car_axis[False], 1e-2, 0.3, form)
-    compiled = march(compiled_march, car_axis[True], 1e-2, 0.3, form)
+    """Called in Python or compiled, the same functions have one motion."""
+    plain = march(car_axis[False], 1e-2, 0.3, form)
+    compiled = march(car_axis[True], 1e-2, 0.3, form)
     for field, size in zip(range(3), (1, 1e3, 1e6), strict=True):
         np.testing.assert_allclose(
             plain.fields[field], compiled.fields[field], rtol=0, atol=1e-14 * size
@@ -159,7 +158,7 @@ def test_any_object_with_the_attributes_serves(tmp_path):
 
     mine = python_problem.load(write(tmp_path, GOOD), "factory", {"scale": 2}, "mine")
     assert not mine.compiled
-    ours, theirs = (march(scipy_march, s, 1e-2, 1.0) for s in (mine, problem("pendulum")))
+    ours, theirs = (march(s, 1e-2, 1.0) for s in (mine, problem("pendulum")))
     np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
 
 
@@ -232,17 +231,17 @@ def test_lists_and_tuples_are_converted(tmp_path):
     assert lists.u0.dtype == lists.v0.dtype == lists.mass_values.dtype == np.float64
     as_arrays = {"decorate": lambda f: lambda *arguments: np.array(f(*arguments), float)}
     arrays = python_problem.load(path, "factory", as_arrays, "mine")
-    ours, theirs = (march(scipy_march, subject, 1e-2, 1.0) for subject in (lists, arrays))
+    ours, theirs = (march(subject, 1e-2, 1.0) for subject in (lists, arrays))
     np.testing.assert_array_equal(ours.fields, theirs.fields)
     np.testing.assert_array_equal(ours.multipliers, theirs.multipliers)
 
 
 def test_compiled_functions_may_return_lists_and_tuples(tmp_path):
-    """They stay compiled and run through the kernel."""
+    """They stay compiled."""
     path = write(tmp_path, LISTS)
     plain = python_problem.load(path, "factory", {}, "mine")
     compiled = python_problem.load(path, "factory", {"decorate": numba.njit}, "mine")
     assert compiled.compiled
     assert not plain.compiled
-    ours, theirs = march(compiled_march, compiled, 1e-2, 1.0), march(scipy_march, plain, 1e-2, 1.0)
+    ours, theirs = march(compiled, 1e-2, 1.0), march(plain, 1e-2, 1.0)
     np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)

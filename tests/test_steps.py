@@ -1,7 +1,6 @@
 """Steps of other sizes: sequences, grids, both engines, and studies of them."""
 
 from contextlib import nullcontext
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -9,11 +8,12 @@ import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
+from marching import in_python
 from scipy.integrate import solve_ivp
 
 import newmark_cli as newmark
 from newmark_cli.library.scalings import integrator_of, scheme_of
-from newmark_cli.newmark import scipy_march, steps
+from newmark_cli.newmark import steps
 from newmark_cli.newmark.formulation import Projection
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.march import March
@@ -85,7 +85,7 @@ CASES = [
 def test_engines_agree(
     problem, integrator, form, formulation, projection, sequence, solver, evaluation
 ):
-    """The kernel, with halts and without, and SciPy's march, under all that is carried over."""
+    """With halts and without, solved in Python or not, under all that is carried over."""
     if evaluation == "compensated" and problem == "shaken-pendulum":
         return
     subject = newmark.problem(problem)
@@ -98,19 +98,19 @@ def test_engines_agree(
             precision="float64", projection=Projection(projection), auxiliary=auxiliary,
         )  # fmt: skip
         grid, found = TimeGrid.of(steps.parse(sequence), subject.t0, h, 30), []
-        for way in ("kernel", "halts", "scipy"):
+        for way in ("kernel", "halts", "python"):
             march = March(subject, scheme, solver, grid=grid)
-            if way == "scipy":
-                march._engine = partial(
-                    scipy_march.march, subject, scheme, schemes=march.schemes,
-                    system_at=march._systems.at,
+            if way == "python":
+                march._engine = in_python(
+                    subject, scheme, schemes=march.schemes, system_at=march.system_of,
+                    constraining=march.system_of(0).constraining,
                 )  # fmt: skip
             for _ in march.stretches(30, range(1, 30, 7) if way == "halts" else ()):
                 pass
             assert (march.ending, march.done, march.t) == (0, 30, grid.t(30))
             found.append([*march.state.fields[:2], march.state.multipliers])
-        kernel, halting, by_scipy = found
-        for one, other, third in zip(kernel, halting, by_scipy, strict=True):
+        kernel, halting, in_calls = found
+        for one, other, third in zip(kernel, halting, in_calls, strict=True):
             assert np.array_equal(one, other)
             assert third == pytest.approx(one, rel=0, abs=1e-5 * max(np.abs(one).max(), 1e-3))
 

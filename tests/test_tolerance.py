@@ -6,11 +6,10 @@ import numpy as np
 from conftest import QUICK, rows_in
 from covering import covering
 from each import each
-from marching import march
+from marching import ENGINES, march
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import compiled_march, scipy_march
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import Newmark
@@ -18,8 +17,6 @@ from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.study import keys
-
-ENGINES = each("engine", [compiled_march, scipy_march])
 
 
 def literal_steps(subject, h, steps, cap, field, scaled, stop):
@@ -90,7 +87,7 @@ def literal_steps(subject, h, steps, cap, field, scaled, stop):
     return counts, u, multipliers
 
 
-@ENGINES
+@each("engine", ENGINES)
 @each(
     ("subject", "field", "scaled", "stop", "cap"),
     covering(
@@ -125,7 +122,7 @@ def test_rule(subject, field, scaled, stop, cap, engine):
 
 @each("formulation", ["index-2", "index-1", "ggl", "baumgarte rate=10", "augmented-lagrangian"])
 def test_engines_agree(formulation):
-    """Kernel and SciPy meet every test after the same corrections, and the test matters."""
+    """Dense and sparse marches meet every test after the same corrections, and the test matters."""
     subject, formulation = problem("four-bar"), Formulation.parse(formulation)
     form, counts = formulation.applied(FORMS["a-lambda"]), []
     fields = (("u", 1e-12, 1e-9), ("lambda", 1e-9, 1e-7))
@@ -137,9 +134,9 @@ def test_engines_agree(formulation):
             formulation=formulation,
         )  # fmt: skip
         engines = [March(subject, scheme, solver) for solver in ("dense-lu", "sparse-lu")]
-        kernel, scipy = (march.advance(30).iterations.tolist() for march in engines)
-        assert kernel == scipy
-        counts.append(kernel)
+        dense, sparse = (march.advance(30).iterations.tolist() for march in engines)
+        assert dense == sparse
+        counts.append(dense)
     assert len({tuple(each) for each in counts}) > 1
 
 

@@ -44,7 +44,6 @@ MODULES = (
     "advice.advising",
     "advice.jacobians",
     "newmark.compiled_march",
-    "newmark.scipy_march",
     "problems.python_problem",
     "report.tables.check",
     "report.tables.compare",

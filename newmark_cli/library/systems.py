@@ -25,8 +25,8 @@ def linear_systems(
 ) -> Iterator[NewtonSystem]:
     """The linear systems J̄ q̄ = −D_L b that Newton's iteration solves along a march.
 
-    They are what the SciPy engine solves in a step from the state in which the march
-    stands.  When the march ends early, so do they.
+    They are assembled in a step from the state in which the march stands.  When the march ends
+    early, so do they.
 
     Args:
         problem: As of `march`.

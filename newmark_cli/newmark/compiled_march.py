@@ -1,22 +1,23 @@
-"""The compiled kernel behind the same call as the SciPy march."""
+"""The kernel, and what a problem and a scheme decide of its arguments."""
 
 from collections.abc import Callable
-from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.newmark import kernel, scipy_march
+from newmark_cli.newmark import callbacks, kernel
+from newmark_cli.newmark.callbacks import Callbacks
 from newmark_cli.newmark.carrying import Carrying
 from newmark_cli.newmark.constraints import Constraining, FormulationTables, constraining_of
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
+from newmark_cli.newmark.linear.sparse import SparseSystem
+from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.exchanges import Exchanges
 from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_generated
 from newmark_cli.newmark.march_data import (
     BY_ROUNDING,
     COMPLETED,
-    PIVOTING,
     SINGULAR,
     TESTS,
     Counts,
@@ -87,6 +88,7 @@ class Engine:
         static: Its static elimination; partial pivoting when omitted.
         constraining: The scheme's formulation, found anew when omitted.
         schemes: The scheme of each step; all are of one size when omitted.
+        system_at: The linear system of a step, counted from 1, if that is to solve in Python.
 
     Attributes:
         pivoted: Steps in which static elimination left a correction to partial pivoting.
@@ -100,20 +102,26 @@ class Engine:
         static: StaticSystem | None = None,
         constraining: Constraining | None = None,
         schemes: Schemes | None = None,
+        system_at: Callable[[int], LinearSystem] | None = None,
     ) -> None:
         self.static, self.pivoted = static, 0
         self.problem, self.scheme = problem, scheme
         self.schemes = schemes = schemes or Schemes.of(problem, scheme)
         self._constraining = constraining or constraining_of(problem, scheme)
-        self._derive = problem.derivatives if self._constraining else None
-        self._is_small = static is None or static.dense
+        self._is_dense = static.dense if static else system_at is None
+        if static and not static.dense:
+            system_at = self._pivoting_at
+        self._python = Callbacks(problem, scheme.dtype, system_at)
+        self._functions: tuple[Any, Any] = problem.function, problem.derivatives
+        if not problem.compiled:
+            self._functions = callbacks.evaluate, callbacks.derive
         self._numbers = self._numbers_of(scheme)
         if static:
             self._numbers = self._numbers._replace(static=static.elimination.tables)
         self._solve = static.elimination.solve if static else solve_generated
         dtype, pattern = scheme.dtype, problem.pattern
         self._tables = ProblemTables(
-            problem.ints,
+            self._python.ints,
             problem.reals.astype(dtype),
             problem.mass_values.astype(dtype),
             # Unsigned, as numba tests signed ones for their sign.
@@ -131,8 +139,16 @@ class Engine:
             self._width = sum(array.size for array in arrays)
             self._memory = np.concatenate([*(array.ravel() for array in arrays), rest])
             self._numbers = self._numbers.among(self._memory, self._units)
-        of_index_3 = static is None and self._constraining is None and not schemes.grid.varies
-        self.exchanges = Exchanges(problem, scheme, self._numbers.dense) if of_index_3 else None
+        of_index_3 = self._constraining is None and not schemes.grid.varies
+        exchanging = of_index_3 and problem.compiled and static is None and self._is_dense
+        self.exchanges = Exchanges(problem, scheme, self._numbers.dense) if exchanging else None
+
+    def _pivoting_at(self, step: int) -> LinearSystem:
+        """What takes a correction that static elimination refuses and no dense matrix does."""
+        scheme = self.schemes.at(step)
+        if scheme is self.schemes.base and self.static:
+            return self.static.pivoting
+        return SparseSystem(self.problem, scheme)
 
     def _numbers_of(self, scheme: Scheme) -> _Numbers:
         """What a scheme tells the kernel; orders of elimination and P are reused."""
@@ -146,7 +162,7 @@ class Engine:
         return _Numbers(
             tables=scheme.tables,
             static=eliminated,
-            dense=dense_tables(problem, scheme) if self._is_small else nothing,
+            dense=dense_tables(problem, scheme) if self._is_dense else nothing,
             extra=constraining.tables() if constraining else None,
             h=np.array([scheme.h], scheme.dtype),
             carried=scheme.carried(scheme.h / scheme.ratio)[:, :-1].astype(scheme.dtype),
@@ -204,11 +220,20 @@ class Engine:
         record: Record | None = None,
         positions: IndexArray | None = None,
     ) -> tuple[int, int]:
-        """Advance ``state``; see `newmark_cli.newmark.scipy_march.march`.
+        """Advance ``state`` by ``len(norms)`` steps.
 
         What static elimination refuses is solved with partial pivoting, correction by
-        correction where the matrix is small, else step by step; that what came before has
-        no part in it keeps the march independent of where it halts.
+        correction; that what came before has no part in it keeps the march independent of
+        where it halts.
+
+        Args:
+            state: Overwritten.
+            first: Steps taken since the initial time.
+            norms, iterations, positions: Overwritten; see `march_data.Counts`.
+            record: Overwritten with the states after the steps that it names.
+
+        Returns:
+            How the march ended and the steps done.
         """
         record = recording(state, np.empty(0)) if record is None else record
         positions = np.zeros(len(norms), np.int64) if positions is None else positions
@@ -231,25 +256,10 @@ class Engine:
             if self.exchanges:
                 self.exchanges.took(pivoted[done : done + taken])
             done += taken
-            if ending == PIVOTING:
-                # Too large for a dense matrix; the past is that of the step already.
-                step, pivoted[done] = slice(done, done + 1), 1
-                ending, taken = self._by_scipy(
-                    state, first + done, norms[step], iterations[step], record=record.after(done)
-                )
-                done += taken
             if ending != COMPLETED or done == len(norms):
                 if self.static:
                     self.pivoted += int(pivoted[:done].sum())
                 return ending, done
-
-    @cached_property
-    def _by_scipy(self) -> Callable[..., tuple[int, int]]:
-        assert self.static is not None
-        return partial(
-            scipy_march.march, self.problem, self.scheme, system=self.static.pivoting,
-            schemes=self.schemes, begun=True,
-        )  # fmt: skip
 
     def arguments(
         self, state: State, first: int, counts: Counts, record: Record, begun: bool = False
@@ -265,9 +275,11 @@ class Engine:
             limits=stop.limits,
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )
-        functions = self.problem.function, self._derive, self._solve
+        self._python.first = first
+        functions = *self._functions, self._solve
         tables = self._tables, numbers.tables
         matrices = numbers.static, numbers.dense
         return (
-            functions, tables, matrices, numbers.extra, state, schedule, sizes, counts, record,
+            functions, tables, matrices, numbers.extra, self._python, state, schedule, sizes,
+            counts, record,
         )  # fmt: skip

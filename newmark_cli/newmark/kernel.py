@@ -14,12 +14,12 @@ iteration on a small mechanism.  Measure a change with `benchmarks/kernel.py`.
 """
 
 import threading
-import weakref
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import from_dtype, typeof, types
+from numba.extending import intrinsic
 
 from newmark_cli.newmark.march_data import (
     BY_CORRECTION,
@@ -30,11 +30,12 @@ from newmark_cli.newmark.march_data import (
     DIVERGED,
     MOST_POSITIONS,
     PIVOTING,
+    RAISED,
     SINGULAR,
     UNSOLVED,
 )
-from newmark_cli.support import interrupts
 from newmark_cli.support.cached_code import cached_njit, part_njit
+from newmark_cli.support.machine_code import generate_call
 
 #: A function by itself, one that only the march calls, and one that is compiled as if it stood
 #: in its caller.  Without fastmath: compiled and interpreted, the march gives the same bits.
@@ -136,13 +137,15 @@ class _Constraining(NamedTuple):
     rows: np.ndarray  #: (k, m) rows of constraints
     tangents: np.ndarray  #: (k, 3, E) theirs to u, v, a
     eta: np.ndarray  #: (m,) η
-    p: np.ndarray  #: (n, m) P
+    directions: np.ndarray  #: (T,) terms of P at the beginning of the step
+    p: np.ndarray  #: (n, m) their sums, where the matrix is dense
+    moved: np.ndarray  #: (n,) P times the change of η, in double precision
     push: np.ndarray  #: (n,) Pη
     shifted: np.ndarray  #: (m,) λ − pΦ
     now: np.ndarray  #: (b,) norms of the blocks of a correction
     last: np.ndarray  #: (b,) of the one before
     done: np.ndarray  #: (b,) whether a block has stopped decreasing
-    matrix: np.ndarray  #: (n + m, n + m) of a projection
+    matrix: np.ndarray  #: (n + m, n + m) of a projection; empty where Python solves
     rhs: np.ndarray  #: (n + m,)
     columns: np.ndarray  #: (n + m,) the solver's work space
     row: np.ndarray  #: (n + m,) likewise
@@ -161,7 +164,6 @@ class _Room(NamedTuple):
     rhs: np.ndarray  #: (N,)
     system: _System
     new_past: np.ndarray  #: (P, n) what the past vectors become
-    before_step: np.ndarray  #: (m,) λ before the step
     last_fields: np.ndarray  #: (4, n) u, v, a, v' before a correction that is tested by field
     last_multipliers: np.ndarray  #: (m,) λ likewise
 
@@ -196,16 +198,16 @@ def _allocate(problem, tables, dense, state, schedule, sizes):
     )
     return _Room(
         sources, values, iterate, history, np.empty(size, dtype), system,
-        np.empty_like(state.past), np.empty_like(state.multipliers),
-        np.empty_like(state.fields), np.empty_like(state.multipliers),
+        np.empty_like(state.past), np.empty_like(state.fields), np.empty_like(state.multipliers),
     )  # fmt: skip
 
 
-def _allocate_constraining(problem, extra, state, recorded):
+def _allocate_constraining(problem, dense, extra, state, recorded):
     """Return room for what a formulation overwrites in every step."""
     n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
     entries, rows = len(problem.g_rows), len(extra.rows)
-    saddle = n + m if extra.level > 0 else 0
+    saddle, terms = n + m if extra.level > 0 else 0, len(extra.projector_rows)
+    is_dense = len(dense.constant) > 0
     return _Constraining(
         rate=np.zeros(m, dtype),
         curvature=np.zeros(m, dtype),
@@ -216,13 +218,15 @@ def _allocate_constraining(problem, extra, state, recorded):
         rows=np.empty((rows, m), dtype),
         tangents=np.empty((rows, 3, entries), dtype),
         eta=np.zeros(m, dtype),
-        p=np.zeros((n, m), dtype),
+        directions=np.zeros(terms, dtype),
+        p=np.zeros((n, m) if is_dense and terms else (0, 0), dtype),
+        moved=np.zeros(n),
         push=np.zeros(n, dtype),
         shifted=np.empty(m, dtype),
         now=np.zeros(recorded),
         last=np.zeros(recorded),
         done=np.zeros(recorded, np.int64),
-        matrix=np.empty((saddle, saddle), dtype),
+        matrix=np.empty((saddle, saddle) if is_dense else (0, 0), dtype),
         rhs=np.empty(saddle, dtype),
         columns=np.empty(saddle, np.uint64),
         row=np.empty(saddle, dtype),
@@ -439,6 +443,22 @@ def solve_in_place(matrix, rhs, columns, values):
     return True
 
 
+@intrinsic
+def _call_python(typing, address):
+    """Call a Python function; how what it does ended."""
+    return types.int64(address), generate_call
+
+
+@_inline
+def _solve_pivoting(python, system, rhs):
+    """Overwrite ``rhs`` with the solution of the dense matrix, or have it solved in Python."""
+    if system.matrix.shape[0] == 0:
+        return _call_python(python.addresses[0])  # type: ignore[call-arg]
+    if solve_in_place(system.matrix, rhs, system.columns, system.row):
+        return np.int64(COMPLETED)
+    return np.int64(SINGULAR)
+
+
 @_inline
 def _correct(tables, correction, moving, multipliers, norms, s):
     """Apply the correction (N,) and record the 2-norms of its blocks in ``norms[s]``.
@@ -630,9 +650,11 @@ def _set_directions(extra, g, work):
     work.eta[:] = 0
     work.push[:] = 0
     work.p[:] = 0
-    for e in range(extra.projector_rows.shape[0]):
-        row, column = extra.projector_rows[e], extra.projector_columns[e]
-        work.p[row, column] += extra.projector_values[e] * g[extra.projector_sources[e]]
+    for e in range(work.directions.shape[0]):
+        term = extra.projector_values[e] * g[extra.projector_sources[e]]
+        work.directions[e] = term
+        if work.p.shape[0] > 0:
+            work.p[extra.projector_rows[e], extra.projector_columns[e]] += term
 
 
 @_part
@@ -772,7 +794,7 @@ def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system
 def _assemble_formulated(
     problem, tables, dense, extra, history, sources, moving, state, values, work, rhs, system
 ):
-    """Set −D_L b and D_L J D_R: those of the motion, and what the formulation adds."""
+    """Set −D_L b and, where it is dense, D_L J D_R: of the motion and of the formulation."""
     n = moving.shape[1]
     _assemble_constraints(problem, extra, state, values, work)
     _assemble_residual_of_motion(
@@ -781,8 +803,9 @@ def _assemble_formulated(
         values.force, rhs,
     )  # fmt: skip
     _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
-    _assemble(sources, dense, system.entries)
-    _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
+    if dense.constant.shape[0] > 0:
+        _assemble(sources, dense, system.entries)
+        _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
 
 
 @_part
@@ -793,7 +816,7 @@ def _norms_of_blocks(tables, extra, correction, n, work):
         The square of its displacement part, in physical units.
     """
     p, m, rows = tables.kept.shape[0], work.rate.shape[0], extra.rows.shape[0]
-    displacement_square = 0.0
+    first_eta, displacement_square = p * n + m, 0.0
     for k in range(p):
         block = 0.0
         for i in range(n):
@@ -809,17 +832,19 @@ def _norms_of_blocks(tables, extra, correction, n, work):
         work.now[p + row] = np.sqrt(block)
     if extra.stabilised != 0:
         place = p + rows
+        work.moved[:] = 0
+        for e in range(work.directions.shape[0]):
+            scaled = np.float64(correction[first_eta + extra.projector_columns[e]])
+            moved = work.directions[e] * tables.right[p + 1] * scaled
+            work.moved[extra.projector_rows[e]] += moved
         for f in range(3):
             if not _contains(tables.kept, f):
                 block = 0.0
                 for i in range(n):
-                    change = 0.0
+                    change = extra.eta[f] * work.moved[i]
                     for k in range(p):
                         scaled = np.float64(correction[k * n + i])
                         change += tables.weights[f, k] * tables.right[k] * scaled
-                    for k in range(m):
-                        scaled = np.float64(correction[p * n + m + k])
-                        change += extra.eta[f] * work.p[i, k] * tables.right[p + 1] * scaled
                     block += change * change
                 work.now[place] = np.sqrt(block)
                 place += 1
@@ -840,10 +865,10 @@ def _apply(tables, extra, history, correction, iterate, state, work):
     if extra.stabilised != 0:
         for k in range(m):
             work.eta[k] += tables.right[p + 1] * correction[p * n + m + k]
-        for i in range(n):
-            work.push[i] = 0
-            for k in range(m):
-                work.push[i] += work.p[i, k] * work.eta[k]
+        work.push[:] = 0
+        for e in range(work.directions.shape[0]):
+            pushed = work.directions[e] * work.eta[extra.projector_columns[e]]
+            work.push[extra.projector_rows[e]] += pushed
     _recover(tables, history, state.past, moving, 0, 2)
     for f in range(3):
         if extra.eta[f] != 0 and not _contains(tables.kept, f):
@@ -884,8 +909,10 @@ def _take_norms(work, norms, s, settled):
 
 
 @_part
-def _solve_saddle(problem, extra, g, n, work):
+def _solve_saddle(problem, extra, python, g, n, work):
     """Overwrite ``work.rhs`` with the solution of [[M, −G], [Gᵀ, 0]] x = ``work.rhs``."""
+    if work.matrix.shape[0] == 0:
+        return _call_python(python.addresses[1]) == COMPLETED  # type: ignore[call-arg]
     work.matrix[:] = 0
     for e in range(problem.mass_rows.shape[0]):
         i, j = problem.mass_rows[e], problem.mass_columns[e]
@@ -903,14 +930,14 @@ def _solve_saddle(problem, extra, g, n, work):
 
 
 @_part
-def _project(problem, extra, misfit, g, work):
+def _project(problem, extra, python, misfit, g, work):
     """Set ``work.rhs`` to δ and μ of [[M, −G], [Gᵀ, 0]] (δ, μ) = (0, −misfit)."""
-    n = work.matrix.shape[0] - misfit.shape[0]
+    n = work.rhs.shape[0] - misfit.shape[0]
     for i in range(n):
         work.rhs[i] = 0
     for k in range(misfit.shape[0]):
         work.rhs[n + k] = -misfit[k]
-    return _solve_saddle(problem, extra, g, n, work)
+    return _solve_saddle(problem, extra, python, g, n, work)
 
 
 @_part
@@ -936,14 +963,14 @@ def _move_velocities(iterate, state, work):
 
 
 @_part
-def _project_accelerations(problem, extra, iterate, state, values, work):
+def _project_accelerations(problem, extra, python, iterate, state, values, work):
     """Set v' to that of the index-1 system, and change a alike; False where it has none."""
     n = state.fields.shape[1]
     for i in range(n):
         work.rhs[i] = values.force[i]
     for k in range(work.curvature.shape[0]):
         work.rhs[n + k] = -work.curvature[k]
-    if not _solve_saddle(problem, extra, values.g, n, work):
+    if not _solve_saddle(problem, extra, python, values.g, n, work):
         return False
     for i in range(n):
         # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
@@ -969,7 +996,7 @@ def _form_acceleration(tables, state):
 
 @_inline
 def _finish(
-    evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
+    evaluate, derive, t, problem, tables, extra, python, schedule, iterate, state, values, work,
     positions, s,
 ):  # fmt: skip
     """Project positions, velocities and accelerations, set v'; False where it cannot be done."""
@@ -977,14 +1004,14 @@ def _finish(
     while extra.level > 1 and positions[s] < MOST_POSITIONS:
         positions[s] += 1
         _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-        if not _project(problem, extra, values.phi, values.g, work):
+        if not _project(problem, extra, python, values.phi, values.g, work):
             return False
         if not _move_positions(iterate, state, work) > _threshold(schedule, state.fields):
             break  # The next one would be of the order of the square.
     if extra.level > 0:
         _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
         _differentiate(derive, t, problem, iterate, state, values, work)
-        if not _project(problem, extra, work.psi, values.g, work):
+        if not _project(problem, extra, python, work.psi, values.g, work):
             return False
         _move_velocities(iterate, state, work)
     _form_acceleration(tables, state)
@@ -993,7 +1020,7 @@ def _finish(
     work.shifted[:] = 0
     _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
     _differentiate(derive, t, problem, iterate, state, values, work)
-    return _project_accelerations(problem, extra, iterate, state, values, work)
+    return _project_accelerations(problem, extra, python, iterate, state, values, work)
 
 
 @_inline
@@ -1051,13 +1078,14 @@ def _keep(state, record, place, s):
 
 
 def _march_index_3(
-    evaluate, solve, problem, tables, static, dense, state, schedule, sizes, counts, record, room,
+    evaluate, solve, problem, tables, static, dense, python, state, schedule, sizes, counts,
+    record, room,
 ):  # fmt: skip
     """The march of index 3 as numba compiles it; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number, compensated = fields.dtype.type, schedule.compensated
     to_tolerance = schedule.test != BY_ROUNDING
-    sources, values, iterate, history, rhs, system, new_past, before_step, _, _ = room
+    sources, values, iterate, history, rhs, system, new_past, _, _ = room
     force, phi, moving, g_old = values.force, values.phi, iterate.moving, iterate.g_old
     eliminating, pivoting = static.structure.shape[0] > 0, dense.constant.shape[0] > 0
     norms, iterations, _, pivoted = counts
@@ -1068,12 +1096,12 @@ def _march_index_3(
 
     for s in range(norms.shape[0]):
         t = number(sizes.times[s + 1])
+        python.step[0] = s
         if sizes.which[s + 1] != sizes.which[s]:
             _change_size(sizes, s, state, new_past)
         _collect_history(problem, tables, past, history)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
-        _copy(multipliers, before_step)
         previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `_look` twice
         settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
@@ -1083,6 +1111,8 @@ def _march_index_3(
                 tables.left, tables.dynamic_weights, tables.row_weights, history.dynamics,
                 history.rows, moving, force, phi, rhs,
             )  # fmt: skip
+            if python.raised[0] != 0:
+                return RAISED, s
             if to_tolerance:
                 settled, first = _look(tables, schedule, state, room, rhs, solves, first)
                 if settled:
@@ -1095,14 +1125,12 @@ def _march_index_3(
                 )  # fmt: skip
             if ending == PIVOTING:
                 pivoted[s] = 1
-            if ending != COMPLETED and pivoting:
-                _assemble(sources, dense, system.entries)
-                ending = SINGULAR
-                if solve_in_place(system.matrix, rhs, system.columns, system.row):
-                    ending = COMPLETED
             if ending != COMPLETED:
-                _copy(before_step, multipliers)
-                return ending, s
+                if pivoting:
+                    _assemble(sources, dense, system.entries)
+                ending = _solve_pivoting(python, system, rhs)
+                if ending != COMPLETED:
+                    return ending, s
             solves += 1
             norm = np.sqrt(_square(rhs))
             if not np.isfinite(norm):
@@ -1136,14 +1164,14 @@ def _march_index_3(
 
 
 def _march_formulated(
-    evaluate, derive, problem, tables, dense, extra, state, schedule, sizes, counts, record, room,
-    work,
+    evaluate, derive, problem, tables, dense, extra, python, state, schedule, sizes, counts,
+    record, room, work,
 ):  # fmt: skip
     """The march of a formulation beside index 3, or of a projection; see `march`."""
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number, compensated = fields.dtype.type, schedule.compensated
     to_tolerance = schedule.test != BY_ROUNDING
-    sources, values, iterate, history, rhs, system, new_past, _, _, _ = room
+    sources, values, iterate, history, rhs, system, new_past, _, _ = room
     norms, iterations, positions, _ = counts
     rated = extra.differentiated != 0 or extra.level > 0
     moving, kept = iterate.moving, 0
@@ -1158,6 +1186,7 @@ def _march_formulated(
 
     for s in range(norms.shape[0]):
         t = number(sizes.times[s + 1])
+        python.step[0] = s
         if sizes.which[s + 1] != sizes.which[s]:
             _change_size(sizes, s, state, new_past)
         _collect_history(problem, tables, past, history)
@@ -1185,12 +1214,15 @@ def _march_formulated(
                 problem, tables, dense, extra, history, sources, moving, state, values, work,
                 rhs, system,
             )  # fmt: skip
+            if python.raised[0] != 0:
+                return RAISED, s
             if to_tolerance:
                 settled, first = _look(tables, schedule, state, room, rhs, solves, first)
                 if settled:
                     break
-            if not solve_in_place(system.matrix, rhs, system.columns, system.row):
-                return SINGULAR, s
+            ending = _solve_pivoting(python, system, rhs)
+            if ending != COMPLETED:
+                return ending, s
             solves += 1
             norm_square = _square(rhs)
             displacement_square = _norms_of_blocks(tables, extra, rhs, fields.shape[1], work)
@@ -1212,8 +1244,8 @@ def _march_formulated(
                 break
         iterations[s] = solves if settled > 0 else -solves
         if not _finish(
-            evaluate, derive, t, problem, tables, extra, schedule, iterate, state, values, work,
-            positions, s,
+            evaluate, derive, t, problem, tables, extra, python, schedule, iterate, state, values,
+            work, positions, s,
         ):  # fmt: skip
             return SINGULAR, s
         _advance(tables, state, iterate, new_past)
@@ -1234,37 +1266,6 @@ def _march_formulated(
     return COMPLETED, norms.shape[0]
 
 
-class _Compiled(types.WrapperAddressProtocol):
-    """A function that raises nothing, as the march is given it.
-
-    Of a jitted one numba looks up the address anew in every call of the march.  By this one
-    exceptions of the function would not reach its caller.
-    """
-
-    def __init__(self, function, kind):
-        self._signature = kind.signature
-        found = function.get_compile_result(kind.signature)
-        self._address = found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name)
-
-    def __wrapper_address__(self):
-        return self._address
-
-    def signature(self):
-        """As numba asks for it."""
-        return self._signature
-
-
-#: Function → type → the function as the march is given it.
-_given: weakref.WeakKeyDictionary = weakref.WeakKeyDictionary()
-
-
-def _as_given(function, kind):
-    of_function = _given.setdefault(function, {})
-    if kind not in of_function:
-        of_function[kind] = _Compiled(function, kind)
-    return of_function[kind]
-
-
 _compiling = threading.Lock()
 #: Type of the march's numbers, and whether there is a formulation → compiled march.
 _compiled: dict = {}
@@ -1275,7 +1276,9 @@ def is_compiled(dtype, formulated):
     return (np.dtype(dtype), formulated) in _compiled
 
 
-def march(functions, problem, matrices, extra, state, schedule, sizes, counts, record):
+def march(
+    functions, problem, matrices, extra, python, state, schedule, sizes, counts, record
+):  # fmt: skip
     """Advance ``state`` by as many steps as ``counts`` has room for.
 
     The function is compiled for problems' functions as such, not for particular ones, so that
@@ -1287,36 +1290,40 @@ def march(functions, problem, matrices, extra, state, schedule, sizes, counts, r
             :func:`solve_type`.
         problem: The problem's tables and those of the step, whose numbers have the march's type.
         matrices: What static elimination is handed, without ``structure`` where there is none;
-            and the dense matrix of what is solved with partial pivoting, without which the
-            march ends where it would be needed.
+            and the dense matrix of what is solved with partial pivoting, empty where Python
+            solves.
         extra: `newmark_cli.newmark.constraints.FormulationTables`; None for index 3.
+        python: `newmark_cli.newmark.callbacks.Callbacks`.
         state, counts, record: Overwritten; see the classes.
         schedule: When Newton's iteration ends.
         sizes: When the steps are, and what depends on their sizes.
 
     Returns:
-        How the march ended (COMPLETED, SINGULAR, DIVERGED, PIVOTING) and the steps done;
-        in the last case ``state.past`` and ``state.multipliers`` are those after them.
+        How the march ended (COMPLETED, SINGULAR, DIVERGED, STAGNATED) and the steps done.
     """
     (evaluate, derive, solve), (static, dense) = functions, matrices
     of_problem, of_step = problem
     made: Any
-    dtype, formulated = state.fields.dtype, extra is not None
+    dtype, formulated, work = state.fields.dtype, extra is not None, None
     room = _allocate(of_problem, of_step, dense, state, schedule, sizes)
     with _compiling:
         kinds = [evaluate_type(dtype)]
         if formulated:
             made, given = _march_formulated, [evaluate, derive]
             kinds.append(derivatives_type(dtype))
-            work = _allocate_constraining(of_problem, extra, state, counts.norms.shape[1])
+            work = _allocate_constraining(
+                of_problem, dense, extra, state, counts.norms.shape[1]
+            )  # fmt: skip
             numbers = (
-                *problem, dense, extra, state, schedule, sizes, counts, record, room, work,
+                *problem, dense, extra, python.calls, state, schedule, sizes, counts, record, room,
+                work,
             )  # fmt: skip
         else:
-            made, given = _march_index_3, [evaluate, _as_given(solve, solve_type(dtype))]
+            made, given = _march_index_3, [evaluate, solve]
             kinds.append(solve_type(dtype))
             numbers = (
-                *problem, static, dense, state, schedule, sizes, counts, record, room,
+                *problem, static, dense, python.calls, state, schedule, sizes, counts, record,
+                room,
             )  # fmt: skip
         if (dtype, formulated) not in _compiled:
             compiled = _compile(made)
@@ -1325,6 +1332,5 @@ def march(functions, problem, matrices, extra, state, schedule, sizes, counts, r
             # one function, in every process.
             compiled.disable_compile()
             _compiled[dtype, formulated] = compiled
-    # As numba takes functions from Python, an exception of a signal's handler would be lost.
-    with interrupts.deferred():
+    with python.served(state, room, work):
         return _compiled[dtype, formulated](*given, *numbers)

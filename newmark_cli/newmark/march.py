@@ -1,17 +1,17 @@
 """One march that can be observed: cells, drawings and the library all take it."""
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from heapq import merge
 
 import numpy as np
 
-from newmark_cli.newmark import compiled_march, kernel, scipy_march
+from newmark_cli.newmark import compiled_march, kernel
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, systems
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
+from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
@@ -31,19 +31,10 @@ _STATIC_OPERATIONS = 2e7
 _MOST_RECORDED = 2_000_000
 
 
-def _by_kernel(problem: Problem, solver: str) -> bool:
-    return solver in (choice.DENSE, choice.STATIC) and problem.compiled
-
-
-def is_ready(problem: Problem, scheme: Scheme, solver: str) -> bool:
-    """Whether the first step of a march need not wait for the compiler.
-
-    Args:
-        problem, scheme: What marches, and how.
-        solver: Linear solver in use.
-    """
-    return not _by_kernel(problem, solver) or kernel.is_compiled(  # type: ignore[no-untyped-call]
-        scheme.dtype, scheme.formulated
+def is_ready(scheme: Scheme) -> bool:
+    """Whether the first step of a march of a scheme need not wait for the compiler."""
+    return bool(
+        kernel.is_compiled(scheme.dtype, scheme.formulated)  # type: ignore[no-untyped-call]
     )
 
 
@@ -106,8 +97,6 @@ class Stretch:
 class March:
     """A problem under way.
 
-    The kernel marches compiled problems with dense matrices, SciPy all others.
-
     Attributes:
         problem: What marches.
         grid: When its steps are.
@@ -150,13 +139,12 @@ class March:
             linear_solver, problem, scheme.form, scheme.formulated, scheme.precision
         )
         self._systems = systems.Systems(self.solver, problem, self.schemes, krylov)
-        self._compiled: compiled_march.Engine | None = None
-        if _by_kernel(problem, self.solver):
-            system = self._systems.base
-            static = system if isinstance(system, StaticSystem) else None
-            self._compiled = compiled_march.Engine(
-                problem, scheme, static, system.constraining, self.schemes
-            )
+        system = self._systems.base
+        self._engine = compiled_march.Engine(
+            problem, scheme, system if isinstance(system, StaticSystem) else None,
+            system.constraining, self.schemes,
+            self._systems.at if isinstance(system, SparseSystem) else None,
+        )  # fmt: skip
         if state is None:
             self.state = initial_state(problem, self.schemes.at(1))
         else:
@@ -226,10 +214,10 @@ class March:
         """
         before, begin = self.state.copy(), self.done
         record = recording(self.state, np.array(looks, np.int64) - (begin + 1))
-        pivoted = self._pivoted
+        pivoted = self._engine.pivoted
         try:
             ending, taken, norms, iterations, positions = self._marched(steps, record)
-            pivoted = self._pivoted - pivoted
+            pivoted = self._engine.pivoted - pivoted
             if ending != COMPLETED:
                 # Newton has overwritten the state in the step that failed.
                 self.state.restore(before)
@@ -267,26 +255,14 @@ class March:
         in_step = elimination.lists.operations + 20 * elimination.size
         return max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
 
-    @property
-    def _by_scipy(self) -> Callable[..., tuple[int, int]]:
-        return partial(
-            scipy_march.march, self.problem, self.schemes.base,
-            schemes=self.schemes, system_at=self._systems.at,
-        )  # fmt: skip
-
-    @property
-    def _pivoted(self) -> int:
-        return self._compiled.pivoted if self._compiled else 0
-
     def _marched(
         self, steps: int, record: Record
     ) -> tuple[int, int, Array, IndexArray, IndexArray]:
         """How it ended, the steps taken, and norms, iterations and corrected positions of all."""
         norms = np.zeros((steps, len(self.scheme.recorded)))
         iterations, positions = np.zeros(steps, np.int64), np.zeros(steps, np.int64)
-        engine = self._compiled.march if self._compiled else self._by_scipy
-        ending, taken = engine(
-            self.state, self.done, norms, iterations, record=record, positions=positions
+        ending, taken = self._engine.march(
+            self.state, self.done, norms, iterations, record, positions
         )
         return ending, taken, norms, iterations, positions
 

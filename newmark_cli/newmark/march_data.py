@@ -8,10 +8,9 @@ import numpy as np
 MOST_POSITIONS = 5
 #: How a march ends; only a Krylov solver stagnates.
 COMPLETED, SINGULAR, DIVERGED, STAGNATED = range(4)
-#: A step that static elimination leaves to a solver that exchanges rows; no march ends so.
-PIVOTING = 4
-#: A system that is assembled and waits for a solver; no step ends so.
-UNSOLVED = 5
+#: A correction that static elimination leaves to a solver that exchanges rows; a system that
+#: waits for a solver; an exception in Python, which is raised.  No march that returns ends so.
+PIVOTING, UNSOLVED, RAISED = 4, 5, 6
 #: What results call the endings before the last step.
 ENDINGS = {SINGULAR: "singular", DIVERGED: "diverged", STAGNATED: "stagnated"}
 #: What ends Newton's iteration in a step.
@@ -124,6 +123,16 @@ class Schedule(NamedTuple):
     test: int  #: what ends Newton's iteration, ``BY_…``
     limits: np.ndarray  #: (4, 2) see `newmark_cli.newmark.scheme.Tolerance.limits`
     patience: int  #: steps given up by ``solve`` or the code, after which the march halts
+
+
+class PythonCalls(NamedTuple):
+    """What the kernel calls in Python besides a problem's functions."""
+
+    #: (2,) where functions stand that overwrite the right-hand side of Newton's system, and of a
+    #: projection's, with the solution; 0 where the kernel solves
+    addresses: np.ndarray
+    raised: np.ndarray  #: (1,) other than 0 once one of them, or of the problem, has raised
+    step: np.ndarray  #: (1,) the step under way, counted from 0 in a call; overwritten
 
 
 class Counts(NamedTuple):

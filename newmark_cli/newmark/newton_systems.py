@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.newmark import scipy_march
+from newmark_cli.newmark.compiled_march import Engine
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.march_data import COMPLETED, recording
+from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Values
 from newmark_cli.support.arrays import Array
@@ -116,11 +116,11 @@ def newton_systems(
 ) -> Iterator[NewtonSystem]:
     """Systems that a march solves in some of its steps: in the first and last iteration.
 
-    The march goes on as ever, by its own engine.  A step that is observed is taken by the
-    SciPy engine besides, from the state in which the march stands: the same algorithm, from
-    the same numbers.  When the march ends before the last of the steps, so do the systems;
-    its `ending` says how.  Systems that are not finite are left out.  Steps are ascending, the
-    first being 1, of this march or that which it goes on with.
+    The march goes on as ever, with its own solver.  A step that is observed is taken twice, from
+    the state in which the march stands: the same algorithm, from the same numbers, with systems
+    assembled and solved in Python.  When the march ends before the last of the steps, so do the
+    systems; its `ending` says how.  Systems that are not finite are left out.  Steps are
+    ascending, the first being 1, of this march or that which it goes on with.
 
     Raises:
         InputError: In single precision: such a march is assembled and solved inside the
@@ -135,7 +135,11 @@ def newton_systems(
 
 
 def _observed(march: March, steps: Sequence[int], every_iteration: bool) -> Iterator[NewtonSystem]:
-    problem, scheme = march.problem, march.scheme
+    problem, noting = march.problem, list[LinearSystem]()
+    engine = Engine(
+        problem, march.schemes.base, constraining=march.system_of(0).constraining,
+        schemes=march.schemes, system_at=lambda step: noting[-1],
+    )  # fmt: skip
     for step in steps:
         number = step - march.earlier
         for _ in march.stretches(number - 1):
@@ -144,13 +148,9 @@ def _observed(march: March, steps: Sequence[int], every_iteration: bool) -> Iter
             return
         seen: _Seen = []
         scheme, state = march.schemes.at(number), march.state.copy()
-        system = _observed_by(seen, march.system_of(number), every_iteration)
+        noting[:] = [_observed_by(seen, march.system_of(number), every_iteration)]
         norms, iterations = np.zeros((1, len(scheme.recorded))), np.zeros(1, np.int64)
-        none = recording(state, np.empty(0))
-        scipy_march.march(
-            problem, scheme, state, march.done, norms, iterations, record=none,
-            schemes=march.schemes, system_at={number: system, march.done: system}.__getitem__,
-        )  # fmt: skip
+        engine.march(state, march.done, norms, iterations)
         for iteration, matrix, rhs in seen:
             if np.all(np.isfinite(matrix.data)) and np.all(np.isfinite(rhs)):
                 t = march.grid.t(number)

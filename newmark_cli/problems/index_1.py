@@ -15,7 +15,7 @@ from scipy.sparse import csc_array
 
 from newmark_cli.problems import algebra
 from newmark_cli.problems.algebra import Factors, product, solver
-from newmark_cli.problems.problem import Problem, Values
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
 #: A linear map of vectors (n + m,).
@@ -70,8 +70,14 @@ class Index1:
         n = self.problem.n
         values = self.problem.values(t, u, v, self._none)
         _, curvature = self.problem.constraint_derivatives(t, u, v)
-        solution = self._solver(values)(np.concatenate([values.force / self._unit, -curvature]))
-        return solution[:n], solution[n:] * self._unit
+        solution = self.solution(values.g, np.concatenate([values.force, -curvature]))
+        return solution[:n], solution[n:]
+
+    def solution(self, g: Array, rhs: Array) -> Array:
+        """(n + m,) solution of [[M, −G], [Gᵀ, 0]] x = rhs, G given by its entries."""
+        n = self.problem.n
+        solution = self._solver(g)(np.concatenate([rhs[:n] / self._unit, rhs[n:]]))
+        return np.concatenate([solution[:n], solution[n:] * self._unit])
 
     def projected(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """The state on the constraints that is nearest in the norm of M; u, v are close to them.
@@ -105,7 +111,7 @@ class Index1:
         What is returned takes (m, k) for k changes, too, and gives (n, k) and (m, k).
         """
         n = self.problem.n
-        solve = self._solver(self.problem.values(t, u, self._zeros, self._none))
+        solve = self._solver(self.problem.values(t, u, self._zeros, self._none).g)
 
         def change(wanted: Array) -> tuple[Array, Array]:
             solution = solve(np.concatenate([np.zeros((n, *wanted.shape[1:])), wanted]))
@@ -126,7 +132,7 @@ class Index1:
             values = self.problem.values(t, w, self._zeros, self._none)
             away = (self._mass * (u - w)[pattern.mass_columns]).astype(float)
             pull = np.bincount(pattern.mass_rows, away, minlength=n)
-            change = self._solver(values)(np.concatenate([pull, -values.phi]))[:n]
+            change = self._solver(values.g)(np.concatenate([pull, -values.phi]))[:n]
             size = float(np.abs(change).max())
             if not np.isfinite(size):
                 break
@@ -138,10 +144,10 @@ class Index1:
             least = size
         return w
 
-    def _solver(self, values: Values) -> Callable[[Array], Array]:
+    def _solver(self, g: Array) -> Callable[[Array], Array]:
         """Solver of [[M/unit, −G], [Gᵀ, 0]] x = rhs, with one step of refinement."""
         entries: Array = np.bincount(
-            self._slots, np.concatenate([self._mass, -values.g, values.g]), len(self._rows)
+            self._slots, np.concatenate([self._mass, -g, g]), len(self._rows)
         ).astype(float, copy=False)
         times, solve = (self._dense if self._size <= algebra.DENSE_UP_TO else self._sparse)(entries)
 

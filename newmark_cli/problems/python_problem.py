@@ -35,8 +35,8 @@ _MOST_BYTES = 10_000_000
 class Definition:
     """A problem with n coordinates and m constraints.
 
-    Functions that numba compiled (``@numba.njit``) run through the kernel, plain
-    ones through the SciPy march.  Arrays are float64; lists and tuples of numbers serve
+    The march calls functions that numba compiled (``@numba.njit``) without Python, which is
+    much faster than plain ones.  Arrays are float64; lists and tuples of numbers serve
     as well, and are converted wherever they are returned.  Given derivatives and the energy are
     compared with differences at the start and next to it, see `agreement`.
 

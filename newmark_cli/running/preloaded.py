@@ -2,12 +2,12 @@
 
 import gc
 
-from newmark_cli.newmark import compiled_march, scipy_march
+from newmark_cli.newmark import compiled_march
 from newmark_cli.problems import python_problem, reference
 from newmark_cli.running import runner
 from newmark_cli.study import compute, motion
 
-__all__ = ["compiled_march", "compute", "motion", "reference", "runner", "scipy_march"]
+__all__ = ["compiled_march", "compute", "motion", "reference", "runner"]
 
 python_problem.warm()
 gc.collect()

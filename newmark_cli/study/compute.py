@@ -54,7 +54,7 @@ def scheme_of(cell: Cell) -> Scheme:
 def prepare(cell: Cell) -> None:
     """Compile the kernel that a cell needs, unless it is: that is no time of the cell's."""
     problem, scheme = cell.problem.load(), scheme_of(cell)
-    if not is_ready(problem, scheme, cell.solver):
+    if not is_ready(scheme):
         March(problem, scheme, cell.solver, cell.krylov).advance(0)
 
 

@@ -78,21 +78,52 @@ def held(names: Iterable[int] = tuple(NAMES)) -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+class Waiting:
+    """Ctrl-C that waits, except in functions that are called here."""
+
+    def __init__(self, answer: Callable[[int, FrameType | None], object] = lambda *_: None) -> None:
+        self._answer, self._within = answer, False
+        self._arrived: list[FrameType | None] = []
+
+    def arrive(self, number: int, frame: FrameType | None) -> None:
+        """Handle the signal: now or later."""
+        if self._within:
+            self._within = False
+            self._answer(number, frame)
+        else:
+            self._arrived.append(frame)
+
+    def answer(self) -> None:
+        """Answer what has arrived."""
+        if self._arrived:
+            frame = self._arrived[0]
+            self._arrived.clear()
+            self._answer(signal.SIGINT, frame)
+
+    def call(self, function: Callable[..., None], *arguments: object) -> None:
+        """Call a function in which Ctrl-C does not wait."""
+        self.answer()
+        self._within = True
+        try:
+            function(*arguments)
+        finally:
+            self._within = False
+
+
 @contextlib.contextmanager
-def deferred() -> Iterator[None]:
+def deferred() -> Iterator[Waiting]:
     """Ctrl-C waits until the end of this context, whoever answers it; only in the main thread."""
     answer = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(answer):
-        yield
+        yield Waiting()
         return
-    arrived: list[FrameType | None] = []
-    signal.signal(signal.SIGINT, lambda number, frame: arrived.append(frame))
+    waiting = Waiting(answer)
+    signal.signal(signal.SIGINT, waiting.arrive)
     try:
-        yield
+        yield waiting
     finally:
         signal.signal(signal.SIGINT, answer)
-        if arrived:
-            answer(signal.SIGINT, arrived[0])
+        waiting.answer()
 
 
 @contextlib.contextmanager
