@@ -2,15 +2,18 @@
 
 import hashlib
 import json
+import operator
 import os
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from each import each
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms.spec import PythonFactory, owner
+from newmark_cli.mechanisms.spec import ForcedMechanism, PythonFactory, with_problem
 from newmark_cli.running import runner
+from newmark_cli.support.documents import File
 from newmark_cli.support.errors import InputError
 
 #: A point of 1 kg that hangs on a bar and is pushed sideways: the push is its acceleration.
@@ -146,31 +149,30 @@ def run_edited(folder, monkeypatch, kind, **options):
         return newmark.run(study(kind), allow_code=True, results="out", **options)
 
 
-@each("kind", ["planar", "table", "spatial", "forced"])
-def test_mechanisms_are_of_what_was_read(tmp_path, monkeypatch, kind):
+@each("kind", KINDS)
+def test_runs_are_of_what_was_read(tmp_path, monkeypatch, kind):
     """One content throughout, which the record names; the next run is of the other."""
-    late = at_start(run_edited(tmp_path, monkeypatch, kind), kind)
+    late = at_start(run_edited(tmp_path, monkeypatch, kind, jobs=1), kind)
     (recorded,) = json.loads((tmp_path / "out/s.json").read_text())["problem_files"].values()
-    text = KINDS[kind][1]["q.yaml"].encode()
-    assert recorded["q.yaml"] == hashlib.sha256(text).hexdigest() != digest(tmp_path / "q.yaml")
+    _, files, name, *_ = KINDS[kind]
+    text = files[name].encode()
+    assert recorded[name] == hashlib.sha256(text).hexdigest() != digest(tmp_path / name)
     after = at_start(newmark.run(study(kind), allow_code=True, results="out"), kind)
     assert after == pytest.approx(2 * late, rel=1e-12)
 
 
 @each("kind", ["force", "module of a force", "python", "module"])
-def test_code_that_has_changed_is_refused(tmp_path, monkeypatch, kind):
-    named = "mine.py:hangs" if KINDS[kind][0] == PYTHON else "q.yaml: python_forces"
+def test_another_process_refuses_code_that_has_changed(tmp_path, monkeypatch, kind):
+    """As one that takes the place of a process which has ended."""
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, KINDS[kind][1])
+    if KINDS[kind][0] == PYTHON:
+        named, spec = "mine.py:hangs", PythonFactory(Path("mine.py"), "hangs", (), "mine.py:hangs")
+    else:
+        named = "q.yaml: python_forces"
+        spec = ForcedMechanism(File("q.yaml", FORCED.encode()), Path("q.yaml"))
+    read = spec.read()
+    edited(tmp_path, kind)
+    assert with_problem(read, operator.attrgetter("code")) == read.code
     with pytest.raises(InputError, match=f"^{named}: has changed since the run began$"):
-        run_edited(tmp_path, monkeypatch, kind)
-    assert not list((tmp_path / "out/cells").iterdir())
-    assert not (tmp_path / "out/s.csv").exists()
-
-
-def test_processes_of_compiled_code_are_of_one_reading(tmp_path):
-    """What the code reads besides may have changed before the next."""
-    written(tmp_path, CODE)
-    spec = PythonFactory(tmp_path / "mine.py", "hangs", (), "mine.py:hangs")
-    one, two = (replace(spec.read(), described=newmark.problem("pendulum")) for _ in range(2))
-    assert one.code == two.code
-    assert owner(one) == owner(one) != owner(two)
-    assert owner(replace(spec, described=newmark.problem("pendulum"))) is None
+        with_problem(replace(read, reading=""), operator.attrgetter("code"))

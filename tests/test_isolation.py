@@ -1,4 +1,4 @@
-"""Code of the user's touches nothing but its own cell: no other cell, and not the run."""
+"""Code of the user's touches no other problem, and not the run."""
 
 import csv
 import os
@@ -6,7 +6,7 @@ import os
 import pytest
 from conftest import SWING, CommandLine
 
-from newmark_cli.mechanisms.spec import PythonFactory, owner, pinned, portable, with_problem
+from newmark_cli.mechanisms.spec import PythonFactory, pinned, portable, with_problem
 
 #: What a problem may do to the process that it runs in, in a line of Python.
 HARM = {"patches": "np.median = lambda values: 42.0", "folder": "os.chdir('/')"}
@@ -50,7 +50,7 @@ def rows(folder, *problems):
     return found
 
 
-def test_harm_stays_in_its_cells(cli, tmp_path_factory):
+def test_harm_stays_in_its_problem(cli, tmp_path_factory):
     """Who replaces a function of NumPy changes its own rows only, who changes the folder none.
 
     Results and files that are named by relative paths are where they were.
@@ -65,7 +65,6 @@ def test_harm_stays_in_its_cells(cli, tmp_path_factory):
         write_problem(cli, f"{name}-at-import", at_import=harm)
     names = [f"{name}-{when}" for name in HARM for when in ("in-calls", "at-import")]
     write_study(cli, *names)
-    # One process after the other where all cells would once have shared one.
     cli("run", "mixed.yaml", "--allow-code", "--jobs", 1)
     found = cli.folder / "results"
     assert rows(found, "good.py:swing", "pendulum") == rows(usual, "good.py:swing", "pendulum")
@@ -165,4 +164,3 @@ def test_no_code_runs_here(tmp_path):
             problem.evaluate(0.0, problem.u0, problem.v0, problem.u0[:1])
         assert not hasattr(os, "changed")
     assert with_problem(spec, type(problem).constraint_values, 0.0, 2 * problem.u0) == [1.5]
-    assert owner(spec) is None

@@ -19,7 +19,6 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.newmark.callbacks import Callbacks
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
-from newmark_cli.problems.fingerprint import of_definition
 
 #: Every integrator, in each of its spellings.
 INTEGRATORS = {
@@ -171,34 +170,6 @@ def test_families_files_factories_and_problems_are_taken(tmp_path, monkeypatch):
         assert newmark.march("mine.yaml", h=0.1, steps=1).u[0] == pytest.approx([length, 0.0])
     example = Path(__file__).parents[1] / "docs/examples/car_axis.py"
     assert newmark.problem(f"{example}:car_axis", compiled=False).n == 4
-
-
-def test_a_definition_is_told_from_another_by_its_content():
-    """Same functions, same content; another number anywhere behind them, another content."""
-
-    def content(length, **more):
-        return newmark.problem(
-            double_pendulum(
-                energy=lambda u, v, t: length * (v @ v / 2 + 9.81 * (u[1] + u[3])), **more
-            )
-        ).content
-
-    assert content(1.0) == content(1.0)
-    assert content(1.0) != content(2.0)
-    assert content(1.0) != content(1.0, damping=lambda u, v, t: np.zeros((4, 4)))
-    compiled = numba.njit(lambda u, v, t: math.sin(t))
-    assert content(1.0, damping=compiled_zeros) == content(1.0, damping=compiled_zeros)
-    assert of_definition(double_pendulum(energy=compiled)) != of_definition(
-        double_pendulum(energy=numba.njit(lambda u, v, t: math.cos(t)))
-    )
-
-    # What cannot be looked at is like nothing else: a class of the user's, an object.
-    class Constants:
-        gravity = 9.81
-
-    for unknown in (object(), Constants, Constants(), dataclasses):
-        given = double_pendulum(energy=lambda u, v, t, unknown=unknown: 0.0)
-        assert of_definition(given) != of_definition(given)
 
 
 def test_a_march_is_stepped_and_left():

@@ -2,7 +2,7 @@
 
 A command takes a second or two to start, most of it imports; the suite runs hundreds.  Every
 command still has a process of its own, from the script's first line to its exit code.  So has
-the server that it starts for user code: a fork, too, unless the command leads a session.  What
+user code that it runs: a fork, too, unless the command leads a session.  What
 Python and libraries read from the environment as they start is that of the one process: the
 seed of hashes, Numba's folder of compiled code, the kernel of the BLAS.  Only the last of a
 process is left out, in which Python takes its modules apart; and no file waits for the disk,
@@ -14,6 +14,7 @@ import contextlib
 import gc
 import importlib
 import json
+import multiprocessing
 import os
 import runpy
 import select
@@ -25,8 +26,8 @@ import tempfile
 import threading
 import time
 import warnings
+from multiprocessing.connection import Connection
 from pathlib import Path
-from types import SimpleNamespace
 
 from compiled import is_kept
 
@@ -53,7 +54,6 @@ MODULES = (
     "report.drawing.plot",
     "report.tables.showing",
     "report.tables.theory",
-    "running.preloaded",
     "running.runner",
     "study.catalogue",
     "study.compute",
@@ -91,6 +91,11 @@ class Started:
         self._report, self.stdout, self.stderr = report, stdout, stderr
         self.pid = int(report.readline())
         self.returncode = None
+
+    @property
+    def report(self):
+        """Descriptor that can be read once it has ended."""
+        return self._report.fileno()
 
     def poll(self):
         """The exit code, or None while it runs."""
@@ -210,12 +215,17 @@ class Warm:
                 os.close(descriptor)
         return Started(os.fdopen(report), *streams)
 
-    def serve_code(self, descriptor):
-        """Start a server for user code (`apart`), with this process's streams."""
-        asked = {"path": sys.path, "group": os.getpgrp(), "environment": dict(os.environ)}
-        with open(os.devnull, "wb") as report:
-            given = [report.fileno(), 1, 2, descriptor]
-            socket.send_fds(self._control, [json.dumps(asked).encode()], given)
+    def serve_code(self, descriptor, environment):
+        """Start a process for user code (`apart`), with this process's streams."""
+        asked = {
+            "path": sys.path, "folder": os.getcwd(), "group": os.getpgrp(),
+            "environment": environment,
+        }  # fmt: skip
+        report, reports = os.pipe()
+        given = [reports, 1, 2, descriptor]
+        socket.send_fds(self._control, [json.dumps(asked).encode()], given)
+        os.close(reports)
+        return Started(os.fdopen(report), None, None)
 
     def close(self):
         """End the process, if it was started here."""
@@ -272,7 +282,7 @@ def serve(control, entrance):
                     os.close(descriptor)
                 redirect(*given[1:3])
                 if given[3:]:
-                    become_server(given[3], **json.loads(asked))
+                    become_worker(given[3], **json.loads(asked))
                 become(**json.loads(asked))
             running[pid] = given[0]
             for descriptor in given[1:]:
@@ -306,15 +316,65 @@ def take(environment):
     os.fsync = lambda descriptor: None
 
 
-def become_server(descriptor, path, group, environment):
-    """Be a server for user code, in the process group of its command."""
+class Forking:
+    """What `apart` uses of `multiprocessing`, with forks of the process at an address."""
+
+    Pipe = staticmethod(multiprocessing.Pipe)
+
+    def __init__(self, address):
+        """Of the process that forks."""
+        self._address = address
+
+    def Process(self, target, args):
+        """As `multiprocessing.Process`."""
+        return Forked(self._address, *args)
+
+
+class Forked:
+    """A process for user code; used like `multiprocessing.Process`."""
+
+    def __init__(self, address, connection, environment):
+        """What `start` needs."""
+        self._given = address, connection, environment
+
+    def start(self):
+        """Have it forked."""
+        address, connection, environment = self._given
+        self._started = Warm(address).serve_code(connection.fileno(), environment)
+        self.sentinel = os.dup(self._started.report)
+
+    @property
+    def exitcode(self):
+        """None while it runs."""
+        return self._started.poll()
+
+    def is_alive(self):
+        """Whether it runs."""
+        return self.exitcode is None
+
+    def kill(self):
+        """End it at once."""
+        self._started.kill()
+
+    def join(self, timeout=None):
+        """Wait for its end."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._started.wait(timeout)
+
+
+def become_worker(descriptor, path, folder, group, environment):
+    """Be a process for user code, in the process group of its command, with which it ends."""
     with contextlib.suppress(PermissionError, ProcessLookupError):
         os.setpgid(0, group)
+    signal.alarm(LIMIT)
     signal.pthread_sigmask(signal.SIG_BLOCK, interrupts.NAMES)
     take(environment)
+    os.chdir(folder)
     sys.path[:] = path
-    apart._serve(descriptor)
-    leave(0)
+    hangup = select.poll()
+    hangup.register(descriptor, 0)
+    threading.Thread(target=lambda: (hangup.poll(), os._exit(0)), daemon=True).start()
+    apart._work(Connection(descriptor), environment)
 
 
 def become(command, folder, environment, session, ignored, address):
@@ -327,12 +387,7 @@ def become(command, folder, environment, session, ignored, address):
     take(environment)
     os.chdir(folder)
     if not session:  # which a fork of another process cannot join
-
-        def forked(command, pass_fds, **options):
-            Warm(address).serve_code(*pass_fds)
-            return SimpleNamespace()
-
-        apart.subprocess = SimpleNamespace(Popen=forked, DEVNULL=subprocess.DEVNULL)
+        apart._context = Forking(address)
     if encoding := environment.get("PYTHONIOENCODING"):  # Python reads it as it starts
         sys.stdout.reconfigure(encoding=encoding)
     sys.argv = command
@@ -367,6 +422,8 @@ def prepare():
     # What all commands set before they import anything: a fork wants no threads of BLAS.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     load(["portalocker", *(f"newmark_cli.{name}" for name in MODULES)])
+    import numpy as np
+
     from newmark_cli.mechanisms.registry import problem
     from newmark_cli.problems import python_problem
     from newmark_cli.report.drawing import draw, panels, style
@@ -375,7 +432,17 @@ def prepare():
     from newmark_cli.study import config
 
     problem("pendulum")  # has Numba load its registries
-    python_problem.warm()
+    python_problem.from_definition(
+        python_problem.Definition(
+            mass_matrix=np.eye(2),
+            u0=np.array([1.0, 0.0]),
+            v0=np.zeros(2),
+            force=lambda u, v, t: np.zeros(2),
+            constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
+            gradient=lambda u, t: u[:, None],
+        ),
+        "rod",
+    )
     if is_kept():
         # Has the libraries' versions, the commit and the core's digest found out, too.
         with tempfile.TemporaryDirectory() as folder:

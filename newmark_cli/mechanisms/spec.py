@@ -212,8 +212,6 @@ class Code(_Loaded):
         """
         reading = uuid.uuid4().hex
         problem = _described(self, reading, timeout)
-        if not problem.compiled:
-            apart.end(reading)
         return replace(self, code=problem.code, reading=reading, described=problem)
 
     def pinned(self) -> Self:
@@ -405,7 +403,7 @@ def with_problem(
     *arguments: Any,
     timeout: float | None = None,
 ) -> _Result:
-    """What a function returns of a problem; in a process of its own if that is the user's code.
+    """What a function returns of a problem; in a separate process if that is the user's code.
 
     Args:
         spec: The problem.
@@ -420,18 +418,13 @@ def with_problem(
     if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
     request = (spec.pinned(), function, arguments)
-    result: _Result = apart.call(loaded_with, request, timeout, owner(spec))
+    result: _Result = apart.call(loaded_with, request, timeout, spec.reading or None)
     return result
 
 
 def loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
     """What a function returns of user code, for which the code runs here."""
     return function(spec.load(), *arguments)
-
-
-def owner(spec: Code) -> str | None:
-    """Who a process of the user's code is kept for: compiled code, which compiles for long."""
-    return spec.reading if spec.reading and spec.load().compiled else None
 
 
 def pinned(spec: ProblemSpec) -> ProblemSpec:

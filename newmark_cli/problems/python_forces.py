@@ -31,58 +31,49 @@ def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, shown_folder:
     Raises:
         ProblemError: When a file or a function fails, or does not return k forces.
     """
-    digest = hashlib.sha256()
-    sources: dict[str, bytes] = {}
+    code, sources = "", dict[str, bytes]()
     for push in pushes:
         file, _, name = push.python.rpartition(":")
-        path, shown = folder / file, os.path.join(shown_folder, file)
-        function, contents = python_problem.load_function(path, name, shown)
-        size = len(push.offsets) // 2
-        start = push.offsets + push.weights @ problem.u0[list(push.coordinates)]
-        speed = push.weights @ problem.v0[list(push.coordinates)]
-        function = python_problem.called_at(
-            function, (start.reshape(size, 2), speed.reshape(size, 2), problem.t0), name,
-            (path, shown), (size, 2),
+        own = list(push.coordinates)
+        start = _places(problem.u0[own], push.weights, push.offsets)
+        speed = _places(problem.v0[own], push.weights, 0 * push.offsets)
+        function, contents = python_problem.load_function(
+            folder / file, name, os.path.join(shown_folder, file), (start, speed, problem.t0),
+            start.shape,
         )  # fmt: skip
-        folder_of = os.path.dirname(file)
-        named = {os.path.normpath(os.path.join(folder_of, key)): x for key, x in contents.items()}
-        digest.update(repr((push.python, named)).encode())
+        named = {os.path.normpath(os.path.join(file, "..", key)): x for key, x in contents.items()}
+        code += repr((push.python, named))
         sources |= named
         problem = _with(problem, push, function)
-    return replace(problem, code=digest.hexdigest(), sources=sources)
+    return replace(problem, code=hashlib.sha256(code.encode()).hexdigest(), sources=sources)
 
 
 def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem:
     """The problem with one force more, whose tangents stand behind those that it has."""
     compiled = problem.compiled and isinstance(function, Dispatcher)
     compile_ = njit if compiled else differences.as_it_is
-    coordinates = np.array(push.coordinates, np.int64)
-    weights, offsets = np.ascontiguousarray(push.weights), push.offsets
-    size, count = len(offsets) // 2, len(coordinates)
-    first_x, first_y = len(problem.pattern.x_rows), len(problem.pattern.y_rows)
-    before, copy = problem.function, differences.copying(compile_).matrix
-    at_rest = np.zeros(2 * size)
+    own, weights = np.array(push.coordinates, np.int64), np.ascontiguousarray(push.weights)
+    offsets, at_rest = push.offsets, 0 * push.offsets
+    pattern, before, copy = problem.pattern, problem.function, differences.copying(compile_).matrix
+    first_x, first_y = len(pattern.x_rows), len(pattern.y_rows)
 
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
         before(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
         step, pace = differences.steps_of_tangents(u, v)
-        qs, ws = differences.states_around(
-            _chosen(u, coordinates), _chosen(v, coordinates), True, True, step, pace
-        )
-        forces, loads = np.zeros(qs.shape), np.empty((size, 2))
-        for k in range(qs.shape[0]):
-            places, speeds = _at(qs[k], weights, offsets), _at(ws[k], weights, at_rest)
-            copy(function(places, speeds, t), loads)
-            _add_generalised(loads, weights, forces[k])
-        _add_at(forces[0], coordinates, force)
+        us, vs = differences.states_around(u[own], v[own], True, True, step, pace)
+        forces, loads = np.zeros(us.shape), np.empty((len(offsets) // 2, 2))
+        for k in range(us.shape[0]):
+            places = _places(us[k], weights, offsets)
+            copy(function(places, _places(vs[k], weights, at_rest), t), loads)
+            _add(loads, weights, forces[k])
+        force[own] += forces[0]
         differences.take_tangents(
             forces, True, True, step, pace, x_values[first_x:], y_values[first_y:]
         )
 
-    rows, columns = (coordinates[index.ravel()] for index in np.indices((count, count)))
-    pattern = problem.pattern
+    rows, columns = (own[index.ravel()] for index in np.indices((len(own), len(own))))
     return replace(
         problem,
         function=compile_(evaluate),
@@ -99,35 +90,18 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _chosen(vector, coordinates):  # type: ignore[no-untyped-def]
-    chosen = np.empty(coordinates.shape[0])
-    for j in range(coordinates.shape[0]):
-        chosen[j] = vector[coordinates[j]]
-    return chosen
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _at(q, weights, offsets):  # type: ignore[no-untyped-def]
+def _places(q, weights, offsets):  # type: ignore[no-untyped-def]
     """(k, 2) places of the points at coordinates q, or with no offsets their velocities."""
-    size, count = offsets.shape[0] // 2, q.shape[0]
-    places = np.empty((size, 2))
-    for i in range(size):
-        for c in range(2):
-            place = offsets[2 * i + c]
-            for j in range(count):
-                place += weights[2 * i + c, j] * q[j]
-            places[i, c] = place
-    return places
+    places = offsets.copy()
+    for i in range(weights.shape[0]):
+        for j in range(q.shape[0]):
+            places[i] += weights[i, j] * q[j]
+    return places.reshape(-1, 2)
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _add_generalised(loads, weights, forces):  # type: ignore[no-untyped-def]
+def _add(loads, weights, forces):  # type: ignore[no-untyped-def]
+    """Generalised forces (c,) of loads (k, 2)."""
     for j in range(forces.shape[0]):
         for i in range(loads.shape[0]):
             forces[j] += weights[2 * i, j] * loads[i, 0] + weights[2 * i + 1, j] * loads[i, 1]
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _add_at(forces, coordinates, force):  # type: ignore[no-untyped-def]
-    for j in range(forces.shape[0]):
-        force[coordinates[j]] += forces[j]

@@ -129,7 +129,7 @@ def load(
             raise ProblemError(f"{file}: has no function {factory!r}")
         with _reported(path, file, f"{factory} failed: "):
             definition = getattr(module, factory)(**arguments)
-        beside = dict(sorted(imported.items()))
+        beside = imported()
     begin = _code(getattr(module, factory))
     line = f", line {begin.co_firstlineno}" if _is_in(begin, path) else ""
     with _reported(path, file):
@@ -140,8 +140,10 @@ def load(
 
 
 @contextmanager
-def _ran(path: Path, file: str, kind: str) -> Iterator[tuple[Any, bytes, Mapping[str, bytes]]]:
-    """Module and source of a file, and the modules beside it as they are imported."""
+def _ran(
+    path: Path, file: str, kind: str
+) -> Iterator[tuple[Any, bytes, Callable[[], dict[str, bytes]]]]:
+    """Module and source of a file, and what returns those of the modules beside it."""
     try:
         source = files.read(path, _MOST_BYTES, links=True)
     except OSError as error:
@@ -153,34 +155,28 @@ def _ran(path: Path, file: str, kind: str) -> Iterator[tuple[Any, bytes, Mapping
         yield module, source, imported
 
 
-def load_function(path: Path, name: str, shown: str) -> tuple[Callable[..., Any], dict[str, bytes]]:
+def load_function(
+    path: Path, name: str, shown: str, arguments: tuple[Any, ...], shape: tuple[int, ...]
+) -> tuple[Callable[..., Any], dict[str, bytes]]:
     """A function of a Python file, and what the file and the modules beside it say.
 
+    Args:
+        path: The file.
+        name: The function, which returns an array of this shape for the arguments at the start.
+        shown: The path in errors.
+        arguments: These arguments.
+        shape: That shape.
+
     Raises:
-        ProblemError: When the file fails, or has no such function.
+        ProblemError: When the file or the function fails, or returns anything else.
     """
     with _ran(path, shown, "forces") as (module, source, imported):
-        beside = dict(sorted(imported.items()))
+        beside = imported()
     function = getattr(module, name, None)
     if not callable(function):
         raise ProblemError(f"{shown}: has no function {name!r}")
-    return function, {path.name: source, **beside}
-
-
-def called_at(
-    function: Callable[..., Any],
-    arguments: tuple[Any, ...],
-    name: str,
-    file: tuple[Path, str],
-    shape: tuple[int, ...],
-) -> Callable[..., Any]:
-    """A function of the user's that returns an array of this shape, as it does at the start.
-
-    Raises:
-        ProblemError: When it fails, or returns anything else.
-    """
-    path, shown = file
-    return _called(function, arguments, name, _Source(shown, shown, path), shape)[1]
+    _, called = _called(function, arguments, name, _Source(shown, shown, path), shape)
+    return called, {path.name: source, **beside}
 
 
 @contextmanager
@@ -399,19 +395,6 @@ def _potential(
         return float(energy(u, v, t)) - 0.5 * float(v @ mass_matrix @ v)
 
     return potential
-
-
-def warm() -> None:
-    """Have Numba load what it needs for its first call, and for any problem: it takes long."""
-    rod = Definition(
-        mass_matrix=np.eye(2),
-        u0=np.array([1.0, 0.0]),
-        v0=np.zeros(2),
-        force=lambda u, v, t: np.zeros(2),
-        constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-        gradient=lambda u, t: u[:, None],
-    )
-    from_definition(rod, "rod")
 
 
 def _require_quadratic(

@@ -1,26 +1,18 @@
 """Python files of the user's, with the modules beside them that they import.
 
-What runs is what the files say now.  Python's own import would take bytecode, and
-numba machine code, which both go by file times; and Python would hand the modules of
-one problem to another whose own have the same names.
+What runs is what the files say now: a library's caller may have imported such a module before
+it was edited, and numba's machine code on disk goes by the time of one file.
 """
 
 import importlib
 import os
 import sys
+import sysconfig
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
-from importlib.machinery import (
-    SOURCE_SUFFIXES,
-    FileFinder,
-    ModuleSpec,
-    PathFinder,
-    SourceFileLoader,
-)
-from pathlib import Path, PurePath
-from types import CodeType, ModuleType
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from newmark_cli.support import apart, errors
@@ -28,8 +20,8 @@ from newmark_cli.support.errors import one_line
 
 #: One file's imports at a time: another's modules may have the same names.
 _importing = threading.RLock()
-#: Folders of installed packages.
-_INSTALLED = frozenset(("site-packages", "dist-packages"))
+#: Folders of Python and of installed packages.
+_INSTALLED = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
 #: File of the user's, as tracebacks name it → as errors show it.
 _shown: dict[str, str] = {}
 #: Most characters of an error that `described` returns.
@@ -71,101 +63,57 @@ def is_interrupt(error: BaseException) -> bool:
     return isinstance(error, KeyboardInterrupt) and not apart.inside()
 
 
-class _AsWritten(SourceFileLoader):
-    """Takes only the source, and leaves no bytecode in the user's folder."""
-
-    def __init__(self, name: str, path: str, note: Callable[[str, bytes], None]) -> None:
-        super().__init__(name, path)
-        self._note = note
-
-    def get_code(self, fullname: str) -> CodeType:
-        source = self.get_data(self.path)
-        self._note(self.path, source)
-        code: CodeType = self.source_to_code(source, self.path)
-        return code
-
-
-class _Beside:
-    """Finds the modules of a folder, for `sys.meta_path`.
-
-    Attributes:
-        imported: Names of those that were imported.
-        sources: Path, relative to the folder, → what was run, of each.
-    """
-
-    def __init__(self, folder: Path, shown: PurePath) -> None:
-        self._folder, self._shown = str(folder), shown
-        self.imported: set[str] = set()
-        self.sources: dict[str, bytes] = {}
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        parent = name.rpartition(".")[0]
-        foreign = parent not in self.imported if parent else _is_another(name)
-        if foreign:
-            return None
-        for folder in path or [self._folder]:
-            loader = partial(_AsWritten, note=self._note)
-            finder = FileFinder(folder, (loader, SOURCE_SUFFIXES))  # type: ignore[arg-type]
-            spec = finder.find_spec(name)
-            if spec is None:
-                continue
-            # A mere folder gives way to a module of the same name, wherever that is.
-            if spec.loader is None and _is_module(PathFinder.find_spec(name, path)):
-                continue
-            self.imported.add(name)
-            return spec
-        return None
-
-    def _note(self, path: str, source: bytes) -> None:
-        relative = Path(os.path.relpath(path, self._folder)).as_posix()
-        self.sources[relative] = source
-        _shown[path] = str(self._shown / relative)
-
-
-def _is_another(name: str) -> bool:
-    """Python's own modules and installed ones go first: others rely on them."""
-    if name in sys.stdlib_module_names or name == __name__.partition(".")[0]:
-        return True
-    installed = [path for path in sys.path if _INSTALLED.intersection(Path(path).parts)]
-    return _is_module(PathFinder.find_spec(name, installed))
-
-
-def _is_module(spec: ModuleSpec | None) -> bool:
-    return spec is not None and spec.loader is not None
-
-
 @contextmanager
-def imports_from(folder: Path, shown: str = "") -> Iterator[Mapping[str, bytes]]:
-    """Modules of a folder can be imported in this context.
+def imports_from(folder: Path, shown: str = "") -> Iterator[Callable[[], dict[str, bytes]]]:
+    """Modules of a folder can be imported in this context, after Python's and installed ones.
 
     Who has imported one keeps it; after the context the name stands for what it did before.
-    Yields path, relative to the folder, → source of each that was imported until then.
+    Yields what returns path, relative to the folder, → source of each that was imported.
     """
     folder = folder.absolute()
-    beside = _Beside(folder, PurePath(shown))
+
+    def imported() -> dict[str, bytes]:
+        files = {module.__file__ for module in _modules_of(folder).values()}
+        return {
+            Path(os.path.relpath(file, folder)).as_posix(): Path(file).read_bytes()
+            for file in sorted(filter(None, files))
+        }
+
     with _importing, _no_cache(folder):
-        # A notebook may have imported what a module said before it was edited.
-        before = {name: sys.modules.pop(name) for name in _named_like_those_of(folder)}
-        sys.meta_path.insert(0, beside)
+        before, path, keeps = _modules_of(folder), sys.path[:], sys.dont_write_bytecode
+        for name in before:
+            del sys.modules[name]
+        own = [entry for entry in path if entry.startswith(_INSTALLED)]
+        sys.path[:] = [*own, str(folder), *(entry for entry in path if entry not in own)]
+        sys.dont_write_bytecode = True
+        importlib.invalidate_caches()
         try:
-            yield beside.sources
+            yield imported
         finally:
-            sys.meta_path.remove(beside)
-            for name in beside.imported:
-                sys.modules.pop(name, None)
+            sys.path[:], sys.dont_write_bytecode = path, keeps
+            for name, module in _modules_of(folder).items():
+                if module.__file__:
+                    relative = os.path.relpath(module.__file__, folder)
+                    _shown[module.__file__] = os.path.join(shown, relative)
+                del sys.modules[name]
             sys.modules.update(before)
 
 
-def _named_like_those_of(folder: Path) -> list[str]:
-    """Modules that were imported, and whose names are those of modules of a folder."""
-    try:
-        tops = {entry.removesuffix(".py") for entry in os.listdir(folder)} - {"__main__"}
-    except OSError:  # what is asked of it says so
-        return []
-    tops = {name for name in tops if name in sys.modules and not _is_another(name)}
-    return [name for name in sys.modules if name.partition(".")[0] in tops]
+def _modules_of(folder: Path) -> dict[str, ModuleType]:
+    """Modules that were imported from a folder and are not installed."""
+    found, package = {}, __name__.partition(".")[0]
+    for name, module in [*sys.modules.items()]:
+        said = getattr(module, "__dict__", {})  # a lazy module would import what it is asked for
+        if not said.get("__spec__") or name.partition(".")[0] == package:  # `run` was not an import
+            continue
+        places = [said["__file__"]] if said.get("__file__") else [*(said.get("__path__") or ())]
+        if any(_is_in(place, folder) for place in places):
+            found[name] = module
+    return found
+
+
+def _is_in(file: str, folder: Path) -> bool:
+    return file.startswith(f"{folder}{os.sep}") and not file.startswith(_INSTALLED)
 
 
 @contextmanager
@@ -178,8 +126,7 @@ def _no_cache(folder: Path) -> Iterator[None]:
     enable = owner.enable_caching
 
     def enable_elsewhere(dispatcher: Any) -> None:
-        file = Path(dispatcher.py_func.__code__.co_filename).absolute()
-        if not file.is_relative_to(folder) or _INSTALLED.intersection(file.parts):
+        if not _is_in(os.path.abspath(dispatcher.py_func.__code__.co_filename), folder):
             enable(dispatcher)
 
     owner.enable_caching = enable_elsewhere

@@ -46,8 +46,8 @@ def cluster(
     """Workers of a dask scheduler.
 
     If a worker dies, the scheduler gives its cells to another.  Problems are sent by
-    content; user code runs in separate processes of the workers, one for each cell as
-    in `newmark_cli.running.executors.local`.
+    content; user code runs in separate processes of the workers, as in
+    `newmark_cli.running.executors.local`.
     How long a scheduler may take to answer, and how often a cell may end its worker, is
     in dask's configuration
     (``distributed.comm.timeouts.connect``, ``distributed.scheduler.allowed-failures``).

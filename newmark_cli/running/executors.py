@@ -31,14 +31,11 @@ class Task:
     cell: Cell  #: the cell
     #: Solution that its errors are taken from, if it measures any.
     reference: Reference | None = None
-    #: Whether its problem is compiled, of a task that travels; see `perform_apart`.
-    compiled: bool = True
     timed: bool = False  #: whether its march is timed by itself, too
 
     def of(self, problem: ProblemSpec) -> "Task":
         """The same task, with its problem in the shape that travels."""
-        compiled = self.cell.problem.load().compiled
-        return replace(self, cell=replace(self.cell, problem=problem), compiled=compiled)
+        return replace(self, cell=replace(self.cell, problem=problem))
 
 
 #: Gives each finished task by its name, in the order of finishing.
@@ -100,11 +97,7 @@ def failed(reason: str) -> Outcome:
 def perform_apart(
     task: Task, timeout: float | None, stopped: Callable[[], bool] = lambda: False
 ) -> Done:
-    """Run one cell of user code in a separate process.
-
-    What one cell's code changes in its process no other cell sees.  Only cells of one
-    problem that is compiled, which takes long and leaves nothing to change, follow each
-    other in one process.
+    """Run one cell of user code in a separate process, which others of its problem share.
 
     Args:
         task: The cell, with its problem as it travels; what goes wrong inside, or with its
@@ -119,9 +112,7 @@ def perform_apart(
     assert isinstance(problem, Code)
     start = time.perf_counter()
     try:
-        done = apart.call(
-            perform, (task,), timeout, problem.reading if task.compiled else None, stopped
-        )
+        done = apart.call(perform, (task,), timeout, problem.reading or None, stopped)
     except apart.TookLonger:
         assert timeout is not None
         return Done(overtime(timeout), timeout)
@@ -179,11 +170,8 @@ def local(
 
 
 def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:
-    """Tasks reordered so that cells of one compiled problem are adjacent."""
+    """Tasks reordered so that cells of one problem are adjacent: they share processes."""
     first: dict[Any, int] = {}
     for place, task in enumerate(tasks.values()):
-        if task.compiled:
-            first.setdefault(task.cell.problem, place)
-    places = {name: place for place, name in enumerate(tasks)}
-    order = sorted(tasks, key=lambda name: first.get(tasks[name].cell.problem, places[name]))
-    return {name: tasks[name] for name in order}
+        first.setdefault(task.cell.problem, place)
+    return dict(sorted(tasks.items(), key=lambda item: first[item[1].cell.problem]))

@@ -1,53 +1,33 @@
 """Separate processes for user code.
 
-A Python problem may change whatever its process holds: functions of NumPy, the working
-directory, the environment; it may end the process, or not come back.  So a process that
-runs it does nothing else, and runs one problem only.
-
-A process is a fork of a server, which has imported the package and never runs user code:
-it starts in milliseconds, and knows nothing of what ran before.  Between the two stands a
-watcher, another fork, which reports how the process ended, and ends it when the connection
-closes: when a call takes too long, or whoever asked is gone, however it went.
-
-The fork server of the standard library does not serve: its socket has a name, which may be
-too long and outlives a kill; it imports the program's main module; workers of dask may not
-use it.  Windows cannot fork: there problems in Python are refused.
+A problem in Python comes with ``--allow-code`` and may then do what its user may (SECURITY.md);
+a process keeps the run from its crashes, exits and endless loops.  A process is of one reading
+of one problem and takes its calls one after the other, so that no other problem's numbers can
+change.  Where a process cannot go on, the next call starts another.
 """
 
 import atexit
 import contextlib
-import functools
-import importlib
+import multiprocessing
 import os
 import pickle
-import select
 import signal
-import socket
-import subprocess
 import sys
 import threading
 import time
-import warnings
-from collections.abc import Callable, Hashable
-from multiprocessing.connection import Connection, Pipe, wait
+from collections.abc import Callable, Hashable, Iterator
+from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from newmark_cli.support import interrupts
-from newmark_cli.support.errors import ExecutorError, InputError, described
+from newmark_cli.support.errors import InputError, described
 from newmark_cli.support.processors import usable
 
-#: What loads a problem; the first process needs no more, and should not wait.
-_FIRST = "newmark_cli.problems.python_problem"
-#: What runs one, imported before the second process.
-_REST = "newmark_cli.running.preloaded"
-_START = """
-import sys
-sys.path[:] = {path!r}
-from newmark_cli.support import apart
-apart._serve({descriptor})
-"""
-#: How often a call looks whether it should stop (s).
-_LOOK = 0.1
+_context: Any = multiprocessing.get_context("spawn")
+#: What a process says before it calls a function: what took time until then was not user code.
+_BEGUN = b"begun"
+#: How often a call looks whether it should stop, and how long a lost process may take to end (s).
+_LOOK, _PATIENCE = 0.1, 1.0
 
 
 class ApartError(Exception):
@@ -87,35 +67,28 @@ def call(
     """Result of a function that a separate process calls.
 
     Args:
+        function: A function of a module of the package.
+        arguments: Its arguments, such as pickle can carry.
         timeout: Most wall time (s); the process is ended then.
-        owner: The process is kept for the next call of the same owner, for what takes
-            long to compile; without one it ends with the call.
+        owner: The process is kept for the next call of the same owner; without one it ends
+            with the call.
         stopped: Whether to give up, asked now and then.
 
     Raises:
         ApartError: When there is no answer.
         Stopped: When it has given up.
-        ExecutorError: When no process can be started.
         InputError: What the function raised.
     """
     process = _taken(owner) or _Process()
     try:
-        answer = process.call(pickle.dumps((function, arguments)), timeout, stopped)
+        succeeded, result = process.call(pickle.dumps((function, arguments)), timeout, stopped)
     except BaseException:
         process.end()
         raise
     _put_back(owner, process)
-    succeeded, result = answer
     if succeeded:
         return result
     raise result if isinstance(result, InputError) else ApartError(str(result))
-
-
-def end(owner: Hashable) -> None:
-    """End a process that is kept for the next call of an owner, who makes none."""
-    process = _taken(owner)
-    if process is not None:
-        process.end()
 
 
 def _taken(owner: Hashable) -> "_Process | None":
@@ -137,51 +110,47 @@ def _put_back(owner: Hashable, process: "_Process") -> None:
             _waiting.pop(0)[1].end()
 
 
+@atexit.register  # before `multiprocessing` waits for what it has started
+def _end_all() -> None:
+    while _waiting:
+        _waiting.pop()[1].end()
+
+
 class _Process:
     """A separate process that takes one call after another."""
 
     def __init__(self) -> None:
-        if not hasattr(os, "fork"):
-            raise ExecutorError(
-                "problems in Python run in processes that are forked, which this system cannot; "
-                "use Linux or macOS, or Linux within Windows (WSL)"
-            )
-        self._connection, theirs = Pipe()
-        self._ended, ends = Pipe(duplex=False)
-        with theirs, ends, _guard:
-            try:
-                _server(os.getpid()).send(theirs, ends)
-            except OSError:  # it was killed
-                _server.cache_clear()
-                _server(os.getpid()).send(theirs, ends)
-        # What a call may take does not count the start.
-        if self._connection in wait([self._connection, self._ended]):
-            self._connection.recv_bytes()
+        self._connection, theirs = _context.Pipe()
+        with theirs, _guard, interrupts.held(), _bare() as environment:
+            self._process = _context.Process(target=_work, args=(theirs, environment))
+            self._process.start()
 
     @property
     def alive(self) -> bool:
         """Whether it can be called."""
-        return not self._ended.poll()
+        return bool(self._process.is_alive())
 
     def call(
         self, request: bytes, timeout: float | None, stopped: Callable[[], bool]
     ) -> tuple[bool, Any]:
         """Whether a call succeeds, and its result or error."""
-        with contextlib.suppress(OSError):  # it has ended; the code says how
-            self._connection.send_bytes(pickle.dumps((_folder(), sys.path, request)))
-        until = None if timeout is None else time.monotonic() + timeout
-        while not wait([self._connection, self._ended], _LOOK):
-            if stopped():
-                raise Stopped
-            if until is not None and time.monotonic() > until:
-                raise TookLonger(f"took longer than {timeout:g} s")
+        until, answer = None, _BEGUN
         try:
-            # The process may have ended after its answer.
-            answer = self._connection.recv_bytes() if self._connection.poll() else b""
+            self._connection.send_bytes(request)
+            while answer == _BEGUN:
+                while not wait([self._connection, self._process.sentinel], _LOOK):
+                    if stopped():
+                        raise Stopped
+                    if until is not None and time.monotonic() > until:
+                        raise TookLonger(f"took longer than {timeout:g} s")
+                if not self._connection.poll():
+                    raise EOFError
+                answer = self._connection.recv_bytes()
+                until = None if timeout is None else time.monotonic() + timeout
         except (EOFError, OSError):
-            answer = b""
-        if not answer:
-            raise ApartError(f"its process ended with code {self._code()}")
+            self._process.join(_PATIENCE)
+            code = -signal.SIGKILL if self.alive else self._process.exitcode
+            raise ApartError(f"its process ended with code {code}") from None
         try:
             succeeded, result = pickle.loads(answer)
         except Exception as error:
@@ -190,135 +159,70 @@ class _Process:
             ) from None
         return bool(succeeded), result
 
-    def _code(self) -> int:
-        try:
-            return int(self._ended.recv())
-        except (EOFError, OSError):
-            return -signal.SIGKILL
-
     def end(self) -> None:
         """End the process at once, whatever it does."""
-        # A fork of this process may hold the connection, too.
-        ours = socket.socket(fileno=os.dup(self._connection.fileno()))
-        with ours, contextlib.suppress(OSError):
-            ours.shutdown(socket.SHUT_RDWR)
+        self._process.kill()
+        self._process.join()
         self._connection.close()
-        self._ended.close()
 
 
-def _folder() -> str | None:
+@contextlib.contextmanager
+def _bare() -> Iterator[dict[str, str]]:
+    """Processes that start here import neither the caller's program nor from its folder.
+
+    Yields:
+        The environment that they should have.
+    """
+    main, environment = vars(sys.modules["__main__"]), dict(os.environ)
+    hidden = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+    main.update(dict.fromkeys(hidden))
+    os.environ["PYTHONSAFEPATH"] = "1"
+    # Workers of dask are daemons, which may otherwise start none.
+    multiprocessing.current_process().daemon = False
     try:
-        return os.getcwd()
-    except OSError:  # it was removed
-        return None
+        yield environment
+    finally:
+        main.update(hidden)
+        del os.environ["PYTHONSAFEPATH"]
+        os.environ.update(environment)
 
 
-class _Server:
-    """The fork server, as seen from the process that uses it."""
-
-    def __init__(self) -> None:
-        self._control, theirs = socket.socketpair()
-        atexit.register(self._control.close)
-        start = _START.format(path=sys.path, descriptor=theirs.fileno())
-        with theirs, interrupts.held():
-            started = subprocess.Popen(
-                [sys.executable, "-P", "-c", start],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-            )
-        started.returncode = 0  # not to be waited for: it ends with this process
-
-    def send(self, connection: Connection, ends: Connection) -> None:
-        """Have a process forked that answers a connection, and told what code it ends with."""
-        socket.send_fds(self._control, [b"1"], [connection.fileno(), ends.fileno()])
+# -- in the process -----------------------------------------------------------------------
 
 
-@functools.cache
-def _server(pid: int) -> _Server:
-    """The server of this process; a fork gets its own."""
-    return _Server()
-
-
-# -- the server and its forks -------------------------------------------------------------
-
-
-def _serve(descriptor: int) -> None:
-    """Fork on request, until the requesting process ends."""
-    importlib.import_module(_FIRST)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those who wait
-    with socket.socket(fileno=descriptor) as control:
-        while descriptors := socket.recv_fds(control, 1, 2)[1]:
-            if _fork() == 0:
-                control.close()
-                _watch(*map(Connection, descriptors))
-            for fd in descriptors:
-                os.close(fd)
-            importlib.import_module(_REST)
-
-
-def _fork() -> int:
-    with warnings.catch_warnings():
-        # Of threads, of which a BLAS may have some; none of them runs Python.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        return os.fork()
-
-
-def _watch(connection: Connection, ends: Connection) -> None:
-    """Fork a worker, kill it when its caller hangs up, and report its exit code."""
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    pid = _fork()
-    if pid == 0:
-        ends.close()
-        _work(connection)
-    threading.Thread(target=_kill_at_hangup, args=(connection, pid), daemon=True).start()
-    _, status = os.waitpid(pid, 0)
-    with contextlib.suppress(OSError):
-        ends.send(os.waitstatus_to_exitcode(status))
-    os._exit(0)
-
-
-def _kill_at_hangup(connection: Connection, pid: int) -> None:
-    hangup = select.poll()
-    hangup.register(connection.fileno(), 0)
-    hangup.poll()
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, signal.SIGKILL)
-
-
-def _work(connection: Connection) -> None:
+def _work(connection: Connection, environment: dict[str, str]) -> None:
     """Answer calls until the caller hangs up."""
     global _inside
     _inside = True
-    _server.cache_clear()
+    os.environ.pop("PYTHONSAFEPATH", None)
+    os.environ.update(environment)
     _leave_signals_to_parent()
+    _end_with_parent()
     exit_now = os._exit  # whatever becomes of the name
     try:
-        connection.send_bytes(b"ready")
         while True:
-            folder, sys.path[:], request = pickle.loads(connection.recv_bytes())
-            connection.send_bytes(_answered(folder, request))
+            answer = _answered(connection.recv_bytes(), connection)
+            for stream in (sys.stdout, sys.stderr):
+                with contextlib.suppress(Exception):
+                    stream.flush()
+            connection.send_bytes(answer)
     except (EOFError, OSError):
         exit_now(0)
     finally:
         exit_now(1)
 
 
-def _answered(folder: str | None, request: bytes) -> bytes:
+def _answered(request: bytes, connection: Connection) -> bytes:
     try:
-        if folder is not None:
-            os.chdir(folder)
         function, arguments = pickle.loads(request)
-        answer = pickle.dumps((True, function(*arguments)))
+        connection.send_bytes(_BEGUN)
+        return pickle.dumps((True, function(*arguments)))
     except InputError as error:
         # Dask teaches pickle to take these along, and they may be of what cannot be pickled.
         error.__cause__ = error.__context__ = error.__traceback__ = None
-        answer = pickle.dumps((False, error))
+        return pickle.dumps((False, error))
     except BaseException as error:
-        answer = pickle.dumps((False, described(error)))
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(Exception):
-            stream.flush()
-    return answer
+        return pickle.dumps((False, described(error)))
 
 
 def _leave_signals_to_parent() -> None:
@@ -329,4 +233,20 @@ def _leave_signals_to_parent() -> None:
     for number in interrupts.NAMES:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda number, frame: None)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, interrupts.NAMES)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, interrupts.NAMES)
+
+
+def _end_with_parent() -> None:
+    """Have the system end this process with its parent, even in code that never returns."""
+    parent = multiprocessing.parent_process()
+    if parent is None or not hasattr(os, "O_ASYNC"):
+        return
+    import fcntl
+
+    sentinel = parent.sentinel
+    fcntl.fcntl(sentinel, fcntl.F_SETOWN, os.getpid())
+    flags = fcntl.fcntl(sentinel, fcntl.F_GETFL)
+    fcntl.fcntl(sentinel, fcntl.F_SETFL, flags | os.O_ASYNC)
+    if wait([sentinel], 0):
+        os._exit(0)
