@@ -253,7 +253,6 @@ def test_what_starts_a_march_is_what_is_given_or_differences(cranks):
         assert np.abs(expected[0]).max() > 0
         exact = given.constraint_derivatives(0.7, u, v)
         np.testing.assert_array_equal(found[1], exact[1])
-    assert cranks["given", True].rates is None
     assert cranks["given", True].constraint_derivatives(0.7, u, v)[1][1] == pytest.approx(
         expected[1][1], rel=1e-9
     )

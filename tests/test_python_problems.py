@@ -11,6 +11,7 @@ from marching import scheme_of
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.problems import constraint_rows, python_problem
+from newmark_cli.problems.differences import as_it_is
 from newmark_cli.problems.problem import ProblemError
 
 #: IVP test set, t = 3: x_l, y_l, x_r, y_r and their rates.
@@ -82,8 +83,9 @@ def test_derivatives_of_constraints_at_any_frequency(frequency, t):
         ),
         "gradient": lambda u, t: np.stack([moving(t), 4 * u - 2 * moving(t)], axis=1),
     }
-    rate, curvature = np.zeros(2), np.zeros(2)
-    constraint_rows.rates(functions, {})(t, u, v, None, None, rate, curvature)
+    rate, curvature, r, q = np.zeros(2), np.zeros(2), np.zeros(4), np.zeros(4)
+    derivatives = constraint_rows.derivatives(functions, {}, as_it_is)
+    derivatives(t, u, v, 0 * v, None, np.ones((1, 1)), rate, curvature, r, q)
     expected = np.array([u @ w, -2 * (u - p) @ w])
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
     pull = -(frequency**2) * p

@@ -271,7 +271,6 @@ def _description(spec: Code) -> Problem:
         problem,
         function=elsewhere,
         derivatives=elsewhere,
-        rates=elsewhere if problem.rates else None,
         potential=elsewhere if problem.potential else None,
     )
 

@@ -18,7 +18,11 @@ from newmark_cli.support.cached_code import cached_njit
 #: second, the shortest some thousand.  Their ratio is no power of two, or all of them could
 #: be periods of one motion.
 LONGEST_STEP, STEP_RATIO, STEPS = 1e-2, 1.9, 7
-_SHRINKING = STEP_RATIO ** -np.arange(STEPS)
+#: Those of Φ_t, from which references want the law of a slow motor to all its digits: the longest
+#: (s), the part of its size by which the motion may move over it, and how many there are.
+_LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME = 0.13, 0.3, 11
+_SHRINKING = STEP_RATIO ** -np.arange(_STEPS_IN_TIME)
+_EPS = 2.2e-16
 
 #: Compiles a function, or leaves it as it is.
 Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -184,77 +188,69 @@ def states_of_tangents(u, v, multipliers, of_u, of_v):  # type: ignore[no-untype
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def states_along(  # type: ignore[no-untyped-def]
-    t, u, v, w, rate, longest, in_time, along_v, along_w
-):
+def states_along(t, u, v, w, rate, share, in_time, along_v, along_w):  # type: ignore[no-untyped-def]
     """Where Φ and G are asked for: here, and before and after along up to three ways.
 
     (k, n) coordinates, (k,) times, and arrays for Φ, at those of the first way, and for G.
     """
-    count = 1 + 2 * STEPS * (int(in_time) + int(along_v) + int(along_w))
-    states, times = np.empty((count, u.shape[0])), np.empty(count)
+    first, second, third = _ways(t, u, v, w, share, in_time, along_v, along_w)
+    count = 1 + 2 * (first.shape[0] + second.shape[0] + third.shape[0])
+    states, times = np.empty((count, u.shape[0])), np.full(count, t)
     copy_vector(u, states[0])
-    times[0], k = t, 1
-    for way, wanted in enumerate((in_time, along_v, along_w)):
-        if not wanted:
-            continue
+    k = 1
+    for way, steps in enumerate((first, second, third)):
         direction = w if way == 2 else v
-        steps = longest * _SHRINKING
-        if way > 0:
-            steps = steps_along(u, direction, longest if way == 1 else np.inf)
-        for h in steps:
-            for shift in (h, -h):
-                times[k] = t if way == 2 else t + shift
+        for step in steps:
+            for shift in (step, -step):
+                if way != 2:
+                    times[k] = t + shift
                 for i in range(u.shape[0]):
                     states[k, i] = u[i] + (0.0 if way == 0 else shift * direction[i])
                 k += 1
     m = rate.shape[0]
-    of_phi = 1 + 2 * STEPS * int(in_time)
-    return states, times, np.empty((of_phi, m)), np.empty((count, u.shape[0], m))
+    return states, times, np.empty((1 + 2 * first.shape[0], m)), np.empty((count, u.shape[0], m))
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _ways(t, u, v, w, share, in_time, along_v, along_w):  # type: ignore[no-untyped-def]
+    """Steps in time, along v and along w; none of a way that is not wanted."""
+    # Steps by which t changes without rounding: it stands in laws of high frequency.
+    first = t + share * _steps_within(u, v, _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME) - t
+    second, third = share * steps_along(u, v, LONGEST_STEP), share * steps_along(u, w, np.inf)
+    along_w = along_w and _size(w) > 0
+    return first[: len(first) * in_time], second[: STEPS * along_v], third[: STEPS * along_w]
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def take_rows(  # type: ignore[no-untyped-def]
-    phi, gradients, u, v, w, longest, in_time, along_v, along_w,
+    phi, gradients, t, u, v, w, share, in_time, along_v, along_w,
     rate, curvature, r_values, q_values,
 ):  # fmt: skip
     """The four from Φ and G at `states_along`, as far as these are there."""
     _, n, m = gradients.shape
-    size = _size(gradients[0].reshape(n * m))
-    steps, way = longest * _SHRINKING, 1
+    size, length, speed = _size(gradients[0].reshape(n * m)), _size(u), _size(v)
+    first, second, third = _ways(t, u, v, w, share, in_time, along_v, along_w)
+    then = gradients[1 : 1 + 2 * len(first)]
+    there = gradients[1 + 2 * len(first) :].reshape(-1, n * m)
     if in_time:
-        rounding = _rounding(size * _size(u), steps, 1)
-        copy_vector(extrapolated(_first(phi[1:], steps), STEP_RATIO, rounding), rate)
+        rounding = _EPS * size * length / first
+        copy_vector(extrapolated(_first(phi[1:], first), STEP_RATIO, rounding), rate)
+    if in_time and along_v:
         # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
         # less than second ones of Φ; those remain for a Φ that depends on time.
-        drift = _first(_products(gradients[1:], v), steps)
-        second = _second(phi[1:], phi[0], steps)
-        way += 2 * STEPS
+        bent = _second(phi[1:], phi[0], first) + _first(_products(then, v), first)
+        rounding = _EPS * size * (length / first + speed) / first
+        copy_vector(extrapolated(bent, STEP_RATIO, rounding), curvature)
+        turned = _first(_products(there[: 2 * STEPS].reshape(-1, n, m), v), second)
+        curvature += extrapolated(turned, STEP_RATIO, _EPS * size * speed / second)
     if along_v:
-        along = steps_along(u, v, longest)
-        there = gradients[way:]
-        if in_time:
-            turn = _first(_products(there, v), along)
-            rounding = _rounding(size * _size(v), along, 1)
-            turned = extrapolated(turn, STEP_RATIO, rounding)
-            rounding = _rounding(size * _size(v), steps, 1)
-            drifted = extrapolated(drift, STEP_RATIO, rounding)
-            rounding = _rounding(size * _size(u), steps, 2)
-            bent = extrapolated(second, STEP_RATIO, rounding)
-            for k in range(m):
-                curvature[k] = turned[k] + drifted[k] + bent[k]
-        flat = there.reshape(there.shape[0], n * m)
-        rounding = _rounding(size, along, 1)
-        copy_vector(extrapolated(_first(flat, along), STEP_RATIO, rounding), r_values)
-        if along_w:
-            rounding = _rounding(size, along, 2)
-            second = _second(flat, gradients[0].reshape(n * m), along)
-            bent = extrapolated(second, STEP_RATIO, rounding)
-            steps = steps_along(u, w, np.inf)
-            rounding = _rounding(size, steps, 1)
-            turned = extrapolated(_first(flat[2 * STEPS :], steps), STEP_RATIO, rounding)
-            for e in range(n * m):
-                q_values[e] = turned[e] + bent[e]
+        turned = _first(there[: 2 * STEPS], second)
+        copy_vector(extrapolated(turned, STEP_RATIO, _EPS * size / second), r_values)
+        bent = _second(there[: 2 * STEPS], gradients[0].reshape(n * m), second)
+        copy_vector(extrapolated(bent, STEP_RATIO, _EPS * size / second**2), q_values)
+        if len(third):
+            turned = _first(there[2 * STEPS :], third)
+            q_values += extrapolated(turned, STEP_RATIO, _EPS * size / third)
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -283,13 +279,7 @@ def take_rows_of_quadratic(  # type: ignore[no-untyped-def]
 @cached_njit(nogil=True, error_model="numpy")
 def _products(gradients, v):  # type: ignore[no-untyped-def]
     """(k, m) Gᵀ v of (k, n, m) G."""
-    count, n, m = gradients.shape
-    products = np.zeros((count, m))
-    for c in range(count):
-        for i in range(n):
-            for k in range(m):
-                products[c, k] += gradients[c, i, k] * v[i]
-    return products
+    return (gradients * v.reshape(1, -1, 1)).sum(axis=1)
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -300,38 +290,28 @@ def _size(vector):  # type: ignore[no-untyped-def]
 @cached_njit(nogil=True, error_model="numpy")
 def _first(values, steps):  # type: ignore[no-untyped-def]
     """(k, m) first derivatives from values ahead and behind in turn."""
-    quotients = np.empty((steps.shape[0], values.shape[1]))
-    for k in range(steps.shape[0]):
-        for i in range(values.shape[1]):
-            quotients[k, i] = (values[2 * k, i] - values[2 * k + 1, i]) / (2 * steps[k])
-    return quotients
+    return (values[::2] - values[1::2]) / (2 * steps.reshape(-1, 1))
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def _second(values, here, steps):  # type: ignore[no-untyped-def]
     """(k, m) second derivatives from values ahead and behind in turn, and here."""
-    quotients = np.empty((steps.shape[0], values.shape[1]))
-    for k in range(steps.shape[0]):
-        for i in range(values.shape[1]):
-            bent = values[2 * k, i] - here[i] + (values[2 * k + 1, i] - here[i])
-            quotients[k, i] = bent / (steps[k] * steps[k])
-    return quotients
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _rounding(size, steps, order):  # type: ignore[no-untyped-def]
-    """Rounding, at each step, of differences of numbers of this size."""
-    return 2.2e-16 * size / steps**order
+    return (values[::2] - here + (values[1::2] - here)) / steps.reshape(-1, 1) ** 2
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def steps_along(u, v, longest):  # type: ignore[no-untyped-def]
     """Steps (s), longest first, that move no coordinate by more than 3 % of the largest."""
+    return _steps_within(u, v, longest, 3e-2, STEPS)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _steps_within(u, v, longest, part, count):  # type: ignore[no-untyped-def]
     size, speed = _size(u), _size(v)
     if size == 0:
         size = 1.0
-    allowed = 3e-2 * size / speed if speed > 0 else 1.0
-    return min(longest, allowed) * _SHRINKING
+    allowed = part * size / speed if speed > 0 else 1.0
+    return min(longest, allowed) * _SHRINKING[:count]
 
 
 @cached_njit(nogil=True, error_model="numpy")

@@ -130,11 +130,7 @@ class Problem:
         constraints_given: (m,) parts of the name of each constraint, such as
             ``("bars", "link")``; numbers where it is empty.
         rows_given: ``"exact"``, or ``"differences"`` where ``derivatives`` finds any of
-            its results by numerical differentiation.
-        rates: ``(t, u, v, ints, reals, rate, curvature, share=1.0)`` in plain Python, in
-            place of the same results of ``derivatives``, for all that a march does not ask
-            for in every iteration, by differences whose steps are multiplied by ``share``;
-            None where ``derivatives`` serves.
+            its results by numerical differentiation, with steps multiplied by ``reals[0, 0]``.
         outputs: What else the problem has names for, such as reactions; None without any.
         released: Names of constraints that were dropped because they are redundant.
         gaps: ``(t, u)`` → the largest gap of these, relative to the size of the mechanism, its
@@ -174,7 +170,6 @@ class Problem:
     coordinates_given: Sequence[str] = ()
     constraints_given: Sequence[Sequence[str | int]] = ()
     rows_given: str = "exact"
-    rates: Callable[..., None] | None = None
     outputs: Outputs | None = None
     released: tuple[str, ...] = ()
     gaps: Callable[[float, Array], tuple[float, str, float]] | None = None
@@ -341,11 +336,7 @@ class Problem:
 
     def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """(m,) rate and curvature: Φ' = Gᵀ v + rate, Φ'' = Gᵀ u'' + curvature."""
-        if self.rates is None:
-            return self.constraint_rows(t, u, v, np.zeros(self.n))[:2]
-        rate, curvature = np.zeros(self.m), np.zeros(self.m)
-        self.rates(t, u, v, self.ints, self.reals, rate, curvature)
-        return rate, curvature
+        return self.constraint_rows(t, u, v, np.zeros(self.n))[:2]
 
 
 @dataclass(frozen=True, eq=False)

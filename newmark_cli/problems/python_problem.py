@@ -260,7 +260,7 @@ def from_definition(definition: Any, name: str, where: str | _Source = "problem"
         function=_evaluate(functions, tangents, compile_),
         derivatives=constraint_rows.derivatives(functions, rows, compile_, quadratic),
         ints=np.zeros((1, 1), np.int64),
-        reals=np.zeros((1, 1)),
+        reals=np.ones((1, 1)),
         pattern=Pattern(*places, *places, *places, *of_g),
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
@@ -273,7 +273,6 @@ def from_definition(definition: Any, name: str, where: str | _Source = "problem"
         rows_given="exact"
         if quadratic or len(rows) == len(constraint_rows.NAMES)
         else "differences",
-        rates=constraint_rows.rates(functions, rows),
     )
     restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
     Agreement(problem, functions, restated, lambda key: source.of(key, chosen[key])).require()

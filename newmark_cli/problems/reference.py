@@ -9,7 +9,6 @@ that system has no solution.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -255,12 +254,9 @@ def _known(problem: Problem, t: float) -> Reference:
 
 def _variants(problem: Problem) -> list[Problem]:
     """The problem, and the same with other steps of differences; twice itself without any."""
-    if problem.rates is None:
+    if problem.rows_given == "exact":
         return [problem, problem]
-    return [
-        problem,
-        *(replace(problem, rates=partial(problem.rates, share=share)) for share in _SHARES),
-    ]
+    return [problem, *(replace(problem, reals=share * problem.reals) for share in _SHARES)]
 
 
 def _changed_by_differences(
