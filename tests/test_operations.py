@@ -1,199 +1,56 @@
-"""Work of a march, counted: by hand, by formulas, and next to the kernel as it runs."""
+"""Work of a march: its linear systems by a formula in their size; wall times next to it."""
 
 import json
-from dataclasses import replace
-from functools import partial
 
-import numpy as np
 from conftest import QUICK, rows_in
 from each import each
-from marching import in_python, interpreted_march
-from test_formulations import PROJECTIONS, scheme_of, subject_of
+from test_formulations import scheme_of, subject_of
 
-from newmark_cli.mechanisms.registry import problem
-from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.newmark import kernel, operations
-from newmark_cli.newmark.formulation import NEWTON
-from newmark_cli.newmark.integrator import Newmark
-from newmark_cli.newmark.linear.ordering import Order
+from newmark_cli.newmark import operations
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.linear.written.lists import EliminationLists
-from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.march import March
 
 
-def test_a_pendulum_by_hand():
-    """Its bar and its weight, operation by operation.
-
-    Δ = a u: 4; Φ = (Δ_x² + Δ_y² − L²)/2: 5; G = aΔ: 2; λ a Δ added to the force: 6; X: 2; the
-    weight: 2.
-    """
-    assert operations.evaluation(problem("pendulum")).values == 4 + 5 + 2 + 6 + 2 + 2
+@each("size", [1, 2, 7, 300])
+def test_full_matrices_take_what_textbooks_say(size):
+    """(2/3) N³ for the factors and 2 N² for the substitutions (Golub & Van Loan, §3.2)."""
+    found = operations.direct(size, size**2)
+    assert abs(found - 2 / 3 * size**3 - 2 * size**2) < 1
 
 
-def test_elements_add_up():
-    """A chain of links has as many operations for each link that is added."""
-    counts = [
-        operations.evaluation(Sized("chain", (("links", links),)).load()) for links in (4, 5, 6)
-    ]
-    assert counts[2].values - counts[1].values == counts[1].values - counts[0].values > 30
-    assert counts[2].derivatives - counts[1].derivatives == (
-        counts[1].derivatives - counts[0].derivatives
-    )
-
-
-class Counted(float):
-    """A number that counts in the class; zeros by pattern are plain zeros."""
-
-    operations = 0
-
-    def _count(self, value):
-        Counted.operations += 1
-        return Counted(value)
-
-    def __mul__(self, other):
-        return self._count(float(self) * float(other))
-
-    def __sub__(self, other):
-        return self._count(float(self) - float(other))
-
-    __rsub__ = lambda self, other: self._count(float(other) - float(self))  # noqa: E731
-
-    def __truediv__(self, other):
-        return self._count(float(self) / float(other))
-
-
-def solved(matrix, rhs):
-    """Operations of an elimination without row exchanges that skips zeros of the pattern."""
-    size = len(rhs)
-    entries = [[Counted(x) if x else 0 for x in row] for row in matrix.tolist()]
-    x = [Counted(b) for b in rhs]
-    Counted.operations = 0
-    for k in range(size):
-        pivot = Counted(1.0) / entries[k][k]
-        for i in range(k + 1, size):
-            if isinstance(entries[i][k], Counted):
-                factor = entries[i][k] * pivot
-                for j in range(k + 1, size):
-                    if isinstance(entries[k][j], Counted):
-                        entries[i][j] = entries[i][j] - factor * entries[k][j]
-                x[i] = x[i] - factor * x[k]
-        entries[k][k] = pivot
-    for k in range(size - 1, -1, -1):
-        x[k] = x[k] * entries[k][k]
-        for i in range(k):
-            if isinstance(entries[i][k], Counted):
-                x[i] = x[i] - entries[i][k] * x[k]
-    np.testing.assert_allclose(np.array(x, float), np.linalg.solve(matrix, rhs), rtol=1e-9)
-    return Counted.operations
-
-
-@each("size", [1, 2, 7, 20])
-def test_full_matrices(size):
-    """(2/3) N³ + … for the factors, 2 N² − N for the substitutions (Golub & Van Loan, §3.2)."""
-    order = Order(np.arange(size), np.arange(size))
-    rows, columns = (places.ravel() for places in np.indices((size, size)))
-    factors = (4 * size**3 - 3 * size**2 - size) // 6 + size  # and N reciprocals
-    assert operations.elimination(EliminationLists(order, rows, columns)) == (
-        factors + 2 * size**2 - size
-    )
-
-
-@each("name, formulation, form", [
-    ("pendulum", "index-3", "u-v-a-lambda"),
-    ("andrews", "index-3", "a-lambda"),
-    ("andrews", "augmented-lagrangian factor=10", "a-lambda"),
-    ("slider-crank", "ggl", "a-lambda"),
-])  # fmt: skip
-def test_eliminations_of_mechanisms(name, formulation, form):
-    """As a plain elimination counts on random numbers at the places of the matrix."""
-    subject = subject_of(name)
-    system = SparseSystem(subject, scheme_of(formulation, form))
-    random = np.random.default_rng(5)
-    matrix = np.zeros((system.size, system.size))
-    matrix[system.rows, system.columns] = random.normal(size=len(system.rows))
-    ordered = matrix[np.ix_(*system.order)]
-    lists = EliminationLists(system.order, system.rows, system.columns)
-    assert operations.elimination(lists) == solved(ordered, random.normal(size=system.size))
-
-
-def counted(function):
-    """A function that the interpreted kernel calls, and how often it was called."""
-
-    def called(*arguments):
-        called.calls += 1
-        return function(*arguments)
-
-    called.calls, called.py_func = 0, called
-    return called
-
-
-@each("evaluation", ["direct", "compensated"])
-@each("formulation, projection", [
-    *((name, "none") for name in ("index-3", "index-2", "index-1", "baumgarte rate_h=1")),
-    ("ggl", "none"),
-    ("augmented-lagrangian factor=10", "none"),
-    *(("index-3", projection) for projection in PROJECTIONS[1:]),
-    ("ggl", "velocity"),
-    ("index-1", "position-velocity accelerations"),
-])  # fmt: skip
-def test_calls_of_the_kernel(formulation, projection, evaluation, monkeypatch):
-    """Functions of the mechanism and systems of projections, as often as the kernel takes them.
-
-    In place of their operations stand powers of ten, which tell them apart in the sum.
-    """
-    subject = subject_of("thrown")
-    scheme = scheme_of(
-        formulation, h=0.02, projection=projection, evaluation=evaluation, reported=NEWTON
-    )
-    values, derivatives, saddle = 10**7, 10**11, 10**15
-    with monkeypatch.context() as patch:
-        patch.setattr(
-            operations, "evaluation", lambda _: operations.Evaluation(values, derivatives)
-        )
-        patch.setattr(operations, "_saddle", lambda _: saddle)
-        system = March(subject, scheme, "dense-lu").system
-        parts = operations.work(subject, scheme, system)
-    counts = []
-    for steps in (1, 4):  # what comes before the first step is in both
-        evaluate, derive = counted(subject.function), counted(subject.derivatives)
-        plain = replace(subject, function=evaluate, derivatives=derive)
-        state, norms = initial_state(subject, scheme), np.zeros((steps, len(scheme.recorded)))
-        evaluate.calls = derive.calls = 0
-        iterations, positions = np.zeros((2, steps), np.int64)
-        with monkeypatch.context() as patch:
-            solve = counted(kernel.solve_in_place)
-            patch.setattr(kernel, "solve_in_place", solve)
-            march = partial(interpreted_march, plain, scheme, state.copy(), 0, norms, iterations)
-            assert march(positions=positions) == (0, steps)
-        corrections = int(np.abs(iterations).sum())
-        found = (
-            corrections * parts.correction + steps * parts.step + positions.sum() * parts.position
-        )
-        counts.append((found, evaluate.calls, derive.calls, solve.calls - corrections))
-    found, *called = (b - a for a, b in zip(*counts, strict=True))
-    expected = [found // values % 10**4, found // derivatives % 10**4, found // saddle]
-    assert called == expected, (called, expected)
-
-
-def test_corrections_of_positions_are_counted_by_each_engine():
-    """One or more in every step, whether the kernel solves or Python."""
-    subject = subject_of("thrown")
-    scheme = scheme_of("index-2", h=0.1, projection="position-velocity")
-    kernel_march, other = (March(subject, scheme, "dense-lu") for _ in range(2))
-    other._engine = in_python(subject, scheme, other.system)
-    for march in (kernel_march, other):
-        march.advance(5)
-        march.advance(5)
-    assert kernel_march.positions == other.positions > 10
-    # Rounding ends Newton a correction earlier or later.
-    assert abs(kernel_march.corrections - other.corrections) <= 10
+def test_work_follows_what_a_march_solves():
+    """Systems of its corrections, of projections and of recovered λ; the same by each solver."""
+    subject = subject_of("andrews")
+    n, m, pattern = subject.n, subject.m, subject.pattern
+    saddle = operations.direct(n + m, len(pattern.mass_rows) + 2 * len(pattern.g_rows))
+    pivoting = ("dense-lu", "sparse-lu")
+    for formulation, options, solvers, in_step in (
+        ("index-3", {}, (*pivoting, "static-lu"), 0),
+        ("index-3", {"reported": "recovered"}, (*pivoting, "static-lu"), 1),
+        ("ggl", {}, pivoting, 0),
+        ("index-2", {"projection": "position-velocity accelerations"}, pivoting, 2),
+    ):
+        scheme = scheme_of(formulation, "a-lambda", h=1e-5, **options)
+        matrix = SparseSystem(subject, scheme)
+        solved = operations.direct(matrix.size, len(matrix.rows))
+        for solver in solvers:
+            march = March(subject, scheme, solver)
+            march.advance(5)
+            assert (march.positions >= 5) == (formulation == "index-2")
+            systems = march.positions + 5 * in_step
+            expected = march.corrections * solved + systems * saddle
+            assert operations.of_march(march) == expected > 0
+    march = March(subject, scheme_of("index-3", "a-lambda", h=1e-5), "gmres")
+    march.advance(5)
+    assert operations.of_march(march) > 2 * len(march.system.rows) * sum(march.system.iterations)
 
 
 def test_a_study_records_its_work(cli, quick):
     """Corrections times those of one, whatever the scaling; the same again."""
     cli("run", "quick.yaml")
     first = (cli.folder / "results/quick.json").read_bytes()
-    parts = operations.work(*_of_pendulum())
+    # Of 3 unknowns and 6 entries: M and X on two places, and G twice.
+    of_correction = 2 * 6 * 6 // (3 * 3) + 2 * 6
     cells = json.loads(first)["cells"]
     rows = {
         (row["preconditioning"], float(row["h"])): row
@@ -202,14 +59,9 @@ def test_a_study_records_its_work(cli, quick):
     for cell in cells:
         row = rows[cell["preconditioning"], cell["h"]]
         corrections = round(float(row["newton_iterations"]) * int(row["steps"]))
-        assert cell["operations"] == corrections * parts.correction
+        assert cell["operations"] == corrections * of_correction
     cli("run", "quick.yaml", "--force", "--jobs", "2")
     assert (cli.folder / "results/quick.json").read_bytes() == first
-
-
-def _of_pendulum():
-    subject, scheme = problem("pendulum"), scheme_of("index-3", "u-lambda", integrator=Newmark())
-    return subject, scheme, March(subject, scheme, "dense-lu").system
 
 
 def test_marches_are_timed_when_asked_for(cli):

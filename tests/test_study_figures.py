@@ -337,6 +337,7 @@ def test_work_precision_matches_cells_to_rows(tmp_path):
     assert panel.traces[1].y == pytest.approx(2 * np.array(H[::-1]) ** 2)
     assert (panel.x_scale, panel.y_scale) == ("log", "log")
     assert panel.x_label == "multiplications and additions"
+    assert "system of $N$ unknowns" in sheets.sheet(figure, given).heading
     assert panel.traces[0].said.endswith(
         "0.01 in 10 operations at h = 0.1; 1e-08 in 1e+04 operations at h = 0.0001"
     )

@@ -92,7 +92,8 @@ def _size(
     type=click.Choice(["operations", "wall-time"]),
     default="operations",
     show_default=True,
-    help="Measure of work in work-precision figures; wall-time needs `run --timed`.",
+    help="Measure of work in work-precision figures: operations are linear systems times a formula "
+    "in their size; wall-time needs `run --timed`.",
 )
 @flag("--all", "everything", help="Draw all figures of a study, however many.")
 def plot(

@@ -69,8 +69,8 @@ class Outcome:
     #: empty where none were to be
     trajectory: Mapping[str, Column] = field(default_factory=dict)
     pivoted: int = 0  #: steps that static elimination left to partial pivoting
-    #: multiplications and additions of the march, see `newmark_cli.newmark.operations`; None where
-    #: it did not get that far
+    #: of the march's linear systems, see `newmark_cli.newmark.operations`; None where it did not
+    #: get that far
     operations: int | None = None
 
 

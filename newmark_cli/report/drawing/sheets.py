@@ -212,9 +212,10 @@ def _work(figure: Figure, results: Results) -> Sheet:
         titles, limits = _titles(figure, part), spread([slope.values for slope in alike])
         label = own[0].record.label(own[0].key)
         panels.append(Panel(tuple(drawn), cost.label, label, titles, y_limits=limits))
-    return _sheet(
-        figure, panels, plain(figure.note) or "each from the largest step size to the smallest"
-    )
+    note = "each from the largest step size to the smallest"
+    if cost.about:
+        note += f"; {cost.about}"
+    return _sheet(figure, panels, plain(figure.note) or note)
 
 
 # -- values over time ---------------------------------------------------------------------------

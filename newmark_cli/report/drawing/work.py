@@ -30,6 +30,7 @@ class Cost:
     label: str  #: of an axis
     unit: str  #: behind a number
     lacking: str  #: what to do where a record lacks it
+    about: str = ""  #: how it is counted, beside a figure
 
 
 #: By name, as `newmark_cli.report.drawing.sheets.Results` has it.
@@ -40,6 +41,7 @@ COSTS: Mapping[str, Cost] = MappingProxyType(
             "multiplications and additions",
             "operations",
             "no operations were counted; run the study again",
+            r"each system of $N$ unknowns and $E$ entries counts $2E^2/(3N) + 2E$",
         ),
         "wall-time": Cost(
             "march_seconds",
