@@ -174,7 +174,7 @@ def _bare() -> Iterator[dict[str, str]]:
         The environment that they should have.
     """
     main, environment = vars(sys.modules["__main__"]), dict(os.environ)
-    hidden = {name: main[name] for name in ("__spec__", "__file__") if name in main}
+    hidden: dict[str, Any] = {n: main[n] for n in ("__spec__", "__file__") if n in main}
     main.update(dict.fromkeys(hidden))
     os.environ["PYTHONSAFEPATH"] = "1"
     # Workers of dask are daemons, which may otherwise start none.
@@ -184,7 +184,8 @@ def _bare() -> Iterator[dict[str, str]]:
     finally:
         main.update(hidden)
         del os.environ["PYTHONSAFEPATH"]
-        os.environ.update(environment)
+        if safe := environment.get("PYTHONSAFEPATH"):
+            os.environ["PYTHONSAFEPATH"] = safe
 
 
 # -- in the process -----------------------------------------------------------------------
