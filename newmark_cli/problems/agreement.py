@@ -51,7 +51,7 @@ class _Claim(NamedTuple):
     given: Array
     parts: Sequence[_Part]
     nothing: Array  #: (k,) differences that do not count
-    index: Callable[[int], Sequence[Any]]  #: of a number in what the function returns
+    places: Sequence[Sequence[int]]  #: of the numbers in what the function returns
     first: int = _FIRST  #: number of the step that is tried first
 
 
@@ -80,15 +80,20 @@ class Agreement:
                     for claims in chosen:
                         for claim in claims(*state):
                             if wrong := _contradicted(*claim[1:4], claim.first):
-                                self._refuse(claim, *wrong, state[0], state is states[0])
-            self._require_energy()
+                                self._refuse(claim, *wrong, self._where(state))
+            for state in states:
+                self._require_energy(state)
 
-    def _refuse(self, claim: _Claim, k: int, expected: float, t: float, at_start: bool) -> None:
-        place = [int(number) + 1 for number in claim.index(k)]
+    def _where(self, state: _State) -> str:
+        """How errors name a state."""
+        t, u, _ = state
+        if u is self.problem.u0:
+            return "at the start"
+        return "next to the start" + (f", at t = {t:.9g}" if t != self.problem.t0 else "")
+
+    def _refuse(self, claim: _Claim, k: int, expected: float, where: str) -> None:
+        place = [number + 1 for number in claim.places[k]]
         entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
-        where = "at the start" if at_start else "next to the start"
-        if t != self.problem.t0:
-            where += f", at t = {t:.9g}"
         raise ContradictionError(
             f"{self.named(claim.key)} disagrees with differences in {entry} {where}: "
             f"given {claim.given[k]:.9g}, differences say {expected:.9g}"
@@ -101,11 +106,9 @@ class Agreement:
         phi, sizes, g = self.functions["constraints"], _sizes(u), self._gradient(t, u)
         units, scaled = np.abs(g).max(axis=0), (np.abs(g) * sizes[:, None]).max(axis=0)
         unit = np.minimum(units, scaled / sizes[:, None])
-        for claim in _columns("gradient", g.T, lambda i: lambda s: phi(_moved(u, i, s), t), sizes):
-            i = claim.index(0)[1]
-            yield claim._replace(
-                nothing=_NOTHING * unit[i], index=lambda k, of=claim.index: of(k)[::-1]
-            )
+        yield from _columns(
+            "gradient", g.T, lambda i: lambda s: phi(_moved(u, i, s), t), sizes, unit
+        )
 
     def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
         """X and Y are those of f + Gλ."""
@@ -169,19 +172,19 @@ class Agreement:
                 nothing = np.broadcast_to(units * (size if len(shape) == 1 else 1.0), shape)
                 yield _Claim(
                     key, values, parts, _NOTHING * nothing.ravel(),
-                    lambda k, shape=shape: np.unravel_index(k, shape),
+                    [*np.ndindex(shape)],
                 )  # fmt: skip
 
-    def _require_energy(self) -> None:
+    def _require_energy(self, of: _State) -> None:
         """The energy changes by nothing but dissipation, where neither depends on time.
 
         Half its rate on a motion less half of that on the motion with −v: dissipation takes
         from both.
         """
         energy, force, problem = self.restated.get("energy"), self.functions["force"], self.problem
-        t, u, v = problem.t0, problem.u0, problem.v0
+        t, u, v = of
         loads = [_value(problem.n, force, u, v, t + s) for s in (0.0, 1e-3)]
-        if energy is None or not (self._is_rigid and np.array_equal(*loads)):
+        if energy is None or not (self._is_rigid and np.array_equal(loads[0], loads[1])):
             return
         direction = np.random.default_rng(2).normal(size=problem.n)
         state = self._onto(t, u, float(_sizes(u).max()) * direction)
@@ -209,7 +212,7 @@ class Agreement:
         nothing = np.full(1, _TOLERANCE * load * speed)
         if wrong := _contradicted(np.zeros(1), [_Part(change, _LONGEST / fastest)], nothing):
             raise ContradictionError(
-                f"{self.named('energy')} is not conserved at the start: on a motion without "
+                f"{self.named('energy')} is not conserved {self._where(of)}: on a motion without "
                 f"dissipation it changes by {wrong[1]:.3g} in a second"
             )
 
@@ -268,19 +271,22 @@ class Agreement:
 
 
 def _columns(
-    key: str, matrix: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array,
-    unit: float = 0.0,
-) -> Iterator[_Claim]:  # fmt: skip
+    key: str, matrix: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array, unit: Any
+) -> Iterator[_Claim]:
     """That each column of a matrix is the derivative of ``along(j)``.
 
-    ``unit`` is the least size of derivatives that counts.
+    For G, ``matrix`` is its transpose.  ``unit`` is the size of the derivatives to each
+    coordinate, by rows, that count at least.
     """
-    nothing = np.full(len(matrix), _NOTHING * max(float(np.abs(matrix).max()), unit))
+    transposed = key == "gradient"
+    size = 0.0 if transposed else float(np.abs(matrix).max())
+    nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), matrix.T.shape)
     largest = float(sizes.max())
     for j, own in enumerate(sizes.tolist()):
         part = _Part(along(j), _LONGEST * largest)
         first = _FIRST + round(np.log(largest / own) / np.log(_RATIO))
-        yield _Claim(key, matrix[:, j], [part], nothing, lambda i, j=j: (i, j), first)
+        places = [(j, i) if transposed else (i, j) for i in range(len(matrix))]
+        yield _Claim(key, matrix[:, j], [part], nothing[j], places, first)
 
 
 def _contradicted(
