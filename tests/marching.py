@@ -99,7 +99,11 @@ def interpreted_march(
     given = engine.arguments(state, first, counts, kept)
     functions, (of_problem, of_step), (static, dense), extra, python, _, schedule, sizes, *_ = given
     tables = of_problem._replace(ints=subject.ints), of_step
-    numbers = (python.calls, *given[5:], kernel._allocate(*tables, dense, state, schedule, sizes))
+    numbers = (
+        python.calls,
+        *given[5:],
+        kernel._allocate(*tables, dense, extra, state, schedule, sizes),
+    )
     evaluate, derive, solve = subject.function, subject.derivatives, functions[2]
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
@@ -107,7 +111,9 @@ def interpreted_march(
                 patch.setattr(kernel, name, function.py_func)
         if extra is None:
             return kernel._march_index_3(evaluate, solve, *tables, static, dense, *numbers)
-        work = kernel._allocate_constraining(tables[0], dense, extra, state, norms.shape[1])
+        work = kernel._allocate_constraining(
+            tables[0], dense, extra, state, numbers[-1].sources, norms.shape[1]
+        )
         return kernel._march_formulated(evaluate, derive, *tables, dense, extra, *numbers, work)
 
 

@@ -9,6 +9,8 @@ from newmark_cli.newmark import callbacks, kernel
 from newmark_cli.newmark.callbacks import Callbacks
 from newmark_cli.newmark.carrying import Carrying
 from newmark_cli.newmark.constraints import Constraining, FormulationTables, constraining_of
+from newmark_cli.newmark.linear import assembly
+from newmark_cli.newmark.linear.assembly import Products
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.systems import LinearSystem
@@ -159,11 +161,17 @@ class Engine:
             lists = static.elimination.lists
             eliminated = StaticElimination(problem, scheme, lists).entries
         constraining = self._constraining.at(scheme) if self._constraining else None
+        dense, products = nothing, Products(*[np.empty(0, np.int64)] * 2)
+        if self._is_dense and constraining:
+            sums, products = assembly.of_formulation(problem, scheme.tables, constraining)
+            dense = dense_tables(problem, scheme, sums)
+        elif self._is_dense:
+            dense = dense_tables(problem, scheme, assembly.of_index_3(problem, scheme.tables))
         return _Numbers(
             tables=scheme.tables,
             static=eliminated,
-            dense=dense_tables(problem, scheme) if self._is_dense else nothing,
-            extra=constraining.tables() if constraining else None,
+            dense=dense,
+            extra=constraining.tables(products) if constraining else None,
             h=np.array([scheme.h], scheme.dtype),
             carried=scheme.carried(scheme.h / scheme.ratio)[:, :-1].astype(scheme.dtype),
         )

@@ -56,10 +56,8 @@ class FormulationTables(NamedTuple):
     projector_columns: IndexArray  #: its constraint
     projector_sources: IndexArray  #: the entry of G that it multiplies
     projector_values: Array  #: an entry of M⁻¹
-    first: IndexArray  #: pairs of entries of G in one constraint, for GGᵀ
+    first: IndexArray  #: sources of the dense matrix whose products are sources behind them
     second: IndexArray
-    gt_places: IndexArray  #: (p, E) of Gᵀ in the first row of constraints of the dense matrix
-    g_places: IndexArray  #: (E,) of −G; both count entries row by row
 
 
 class Tangents(NamedTuple):
@@ -252,17 +250,14 @@ class Constraining:
         rows = self.problem.constraint_rows(t, u, v, acceleration)
         return Tangents(self.tangents(g, rows.r, rows.q), self.directions(g))
 
-    def tables(self) -> FormulationTables:
-        """All of it as the numbers that the kernel reads, in the scheme's precision."""
+    def tables(self, products: Sequence[IndexArray]) -> FormulationTables:
+        """All of it as the numbers that the kernel reads, in the scheme's precision.
+
+        ``products`` are pairs of sources of the dense matrix.
+        """
         scheme, dtype = self.scheme, self.scheme.dtype
-        terms = self.projector
-        first, second = self.pairs if self.penalty else [np.empty(0, np.int64)] * 2
+        terms, (first, second) = self.projector, products
         unit = float(np.abs(self.problem.mass_values).max())
-        n, pattern = self.problem.n, self.problem.pattern
-        p, size = len(scheme.form.kept), sum(scheme.form.sizes(n, self.problem.m))
-        row = (1 + len(scheme.form.extra_rows)) * n + pattern.g_columns
-        gt_places = [row * size + k * n + pattern.g_rows for k in range(p)]
-        g_places = pattern.g_rows * size + p * n + pattern.g_columns
         return FormulationTables(
             rows=self.weights.astype(dtype),
             eta=self.eta.astype(dtype),
@@ -280,11 +275,9 @@ class Constraining:
             projector_columns=terms.columns.astype(np.int64),
             projector_sources=terms.sources.astype(np.int64),
             projector_values=terms.values.astype(dtype),
-            first=first.astype(np.int64),
-            second=second.astype(np.int64),
             # Unsigned, as numba tests signed ones for their sign.
-            gt_places=np.array(gt_places).astype(np.uint64),
-            g_places=g_places.astype(np.uint64),
+            first=first.astype(np.uint32),
+            second=second.astype(np.uint32),
         )
 
 

@@ -1,14 +1,14 @@
-"""The Jacobian matrix of a form and a formulation, as terms: weights times sources.
+"""The Jacobian matrix of a form and a formulation, in double precision.
 
-Every engine in double precision takes it from here; `linear/assembly.py` has that of
-index 3 in the numbers of the kernel.
+Solvers outside of the kernel and measures take it from here; see `linear/assembly.py`.
 """
 
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.newmark.constraints import Constraining, Tangents, constraining_of
-from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.constraints import Tangents, constraining_of
+from newmark_cli.newmark.linear import assembly
+from newmark_cli.newmark.linear.assembly import Products
 from newmark_cli.newmark.linear.ordering import Order
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import sensitivity
@@ -30,115 +30,15 @@ def summed(slots: IndexArray, values: Array, size: int) -> Array:
     return np.asarray(np.bincount(slots, weights=values, minlength=size), float)
 
 
-class _Merged:
-    """Places of a pattern without repeats; entries of one place are added up."""
-
-    def __init__(self, rows: IndexArray, columns: IndexArray, width: int) -> None:
-        """Analyse; ``width`` is the number of columns."""
-        keys, self._slots = np.unique(rows * width + columns, return_inverse=True)
-        self.rows, self.columns = keys // width, keys % width
-
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    def values(self, values: Array) -> Array:
-        """(len(self),) from a value for each entry of the pattern."""
-        return summed(self._slots, values, len(self))
-
-
-#: Rows, columns, sources and weight of a part of J.
-_Term = tuple[IndexArray, IndexArray, IndexArray, float]
-
-
-class _Products:
-    """Products of values of a problem that a formulation puts into J.
-
-    P stands behind X, Y, M and the rows of constraints, where η moves eliminated fields;
-    a penalty adds GGᵀ to X.  Which entries meet is decided here, once.
-    """
-
-    def __init__(self, constraining: Constraining, problem: Problem) -> None:
-        self._constraining, self._problem = constraining, problem
-        pattern, form, (n, m) = problem.pattern, constraining.scheme.form, (problem.n, problem.m)
-        self._pairs = constraining.pairs if constraining.penalty else (_NOWHERE, _NOWHERE)
-        x, y, mass, g = (
-            _meetings(columns, constraining.projector.rows, n)
-            for columns in (
-                pattern.x_columns, pattern.y_columns, pattern.mass_columns, pattern.g_rows,
-            )
-        )  # fmt: skip
-        to_u, to_v, to_a = constraining.eta
-        constraints = [len(form.kept) * n + i * m for i, _ in enumerate(form.constraint_rows)]
-        #: Of each product with P the entries that meet, its rows, and its factor in η.
-        self._with_p = [
-            (x, pattern.x_rows, to_u),
-            (y, pattern.y_rows, to_v),
-            (mass, pattern.mass_rows, constraining.inertia * to_a),
-            *((g, at + pattern.g_columns, f) for at in constraints for f in constraining.eta),
-        ][: None if constraining.stabilised else 0]
-        self._kept = [
-            i * n for i, row in enumerate(form.rows) if row == "K" and constraining.stabilised
-        ]
-
-    def terms(self, behind: int, weights: Array) -> list[_Term]:
-        """Their places in J; ``behind`` is the number of their first source."""
-        constraining, pattern, n = self._constraining, self._problem.pattern, self._problem.n
-        terms: list[_Term] = []
-        to_projector = constraining.projector
-
-        def add(rows: IndexArray, columns: IndexArray, factors: list[tuple[int, float]]) -> None:
-            nonlocal behind
-            sources = behind + np.arange(len(rows))
-            behind += len(rows)
-            terms.extend((rows, at + columns, sources, factor) for at, factor in factors if factor)
-
-        square = [pattern.g_rows[entries] for entries in self._pairs]
-        in_u = [(k * n, constraining.penalty * weight) for k, weight in enumerate(weights[0])]
-        add(square[0], square[1], in_u if constraining.penalty else [])
-        eta = weights.shape[1] * n + self._problem.m
-        for (first, second), rows, factor in self._with_p:
-            add(rows[first], to_projector.columns[second], [(eta, factor)])
-        for at in self._kept:
-            add(at + to_projector.rows, to_projector.columns, [(eta, -1.0)])
-        return terms
-
-    def values(self, values: Values, tangents: Tangents) -> list[Array]:
-        """The products, in the order of `terms`."""
-        first, second = self._pairs
-        products = [values.g[first] * values.g[second]]
-        of_rows = (part for row in tangents.rows for part in row)
-        factors = (values.x, values.y, self._problem.mass_values, *of_rows)
-        for factor, ((first, second), *_) in zip(factors, self._with_p, strict=False):
-            products.append(factor[first] * tangents.directions[second])
-        return products + [tangents.directions] * len(self._kept)
-
-
-_NOWHERE = np.empty(0, np.int64)
-
-
-def _meetings(left: IndexArray, right: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
-    """All pairs of places, one in each list, that hold the same number (below ``size``)."""
-    order = np.argsort(right, kind="stable")
-    counts = np.bincount(right, minlength=size)
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    lengths = counts[left]
-    first = np.repeat(np.arange(len(left)), lengths)
-    within = np.arange(len(first)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    return first, order[np.repeat(starts[left], lengths) + within]
-
-
 class Jacobian:
-    """J and J̄ = D_L J D_R of a scheme on a problem.
-
-    An entry of J is a sum of weights times sources: values of X, Y, M, G at their
-    places, 1, and the coefficients of V and K.  Which weight, which source and
-    which entry is decided here, once.
+    """J and J̄ = D_L J D_R of a scheme on a problem; its terms are those of `assembly`.
 
     Attributes:
         size: N.
         order: In which rows and columns of the entries ascend.
         terms: Weights times sources that are added up.
         rows, columns: Of each entry.
+        products: What a formulation multiplies before it is added up.
     """
 
     def __init__(self, problem: Problem, scheme: Scheme, order: Order | None = None) -> None:
@@ -146,68 +46,17 @@ class Jacobian:
         self.problem, self.scheme = problem, scheme
         self.constraining = constraining_of(problem, scheme)
         self.mass = mass_matrix(problem)
-        n, m, pattern, relations = problem.n, problem.m, problem.pattern, scheme.relations
-        kept = len(scheme.form.kept)
-        constraint_rows = len(scheme.form.constraint_rows)
-        self.size = sum(scheme.form.sizes(n, m))
-        self._x = _Merged(pattern.x_rows, pattern.x_columns, n)
-        self._y = _Merged(pattern.y_rows, pattern.y_columns, n)
-        self._g = _Merged(pattern.g_rows, pattern.g_columns, m)
-        mass = _Merged(pattern.mass_rows, pattern.mass_columns, n)
-        self._fixed_sources = np.concatenate(
-            [
-                relations.acceleration[0] * mass.values(problem.mass_values),
-                [1.0, -relations.v_from_a, -relations.u_from_a],
-            ]
-        )
-        starts = np.cumsum([0, len(self._x), len(self._y), len(self._g), len(mass)])
-
-        def block(merged: _Merged, start: int) -> tuple[IndexArray, IndexArray, IndexArray]:
-            return merged.rows, merged.columns, start + np.arange(len(merged))
-
-        def diagonal(source: int) -> tuple[IndexArray, IndexArray, IndexArray]:
-            return np.arange(n), np.arange(n), np.full(n, starts[4] + source)
-
-        g_rows, g_columns, g_sources = block(self._g, starts[2])
-        # The four-field matrix, row → field → (rows, columns, sources).
-        full = {
-            "D": {
-                "u": block(self._x, starts[0]),
-                "v": block(self._y, starts[1]),
-                "a": block(mass, starts[3]),
-            },
-            "V": {"v": diagonal(0), "a": diagonal(1)},
-            "K": {"u": diagonal(0), "a": diagonal(2)},
-            "C": {"u": (g_columns, g_rows, g_sources)},
-        }
-        behind = starts[4] + 3
-        terms = []
+        n, m, tables = problem.n, problem.m, assembly.unscaled(scheme)
+        self.size = assembly.unknowns(problem, scheme)
+        fixed = assembly.constants(problem, tables)
+        self.products: Products | None = None
         if self.constraining:
-            # Sources behind the others: tangents of the rows, then products.
-            del full["C"]
-            for row in scheme.form.constraint_rows:
-                full[row] = {}
-                for field in FIELDS:
-                    full[row][field] = (g_columns, g_rows, behind + np.arange(len(self._g)))
-                    behind += len(self._g)
-            products = _Products(self.constraining, problem)
-            #: What a formulation multiplies before it is added up.
-            self.products = products.values
-            terms += products.terms(behind, scheme.elimination.weights)
-        ends = np.cumsum(scheme.form.sizes(n, m)).tolist()
-        for row, start in zip(scheme.form.rows, [0, *ends], strict=False):
-            for field, (rows, columns, sources) in full[row].items():
-                for k, weight in enumerate(scheme.elimination.weights[FIELDS.index(field)]):
-                    if weight != 0:
-                        terms.append((start + rows, k * n + columns, sources, weight))
-        if constraint_rows:
-            # Row D comes first in every form, λ behind the fields.
-            terms.append((g_rows, kept * n + g_columns, g_sources, -1.0))
-        rows, columns, self._sources = (
-            np.concatenate([term[part] for term in terms]) for part in range(3)
-        )
-        self._weights = np.concatenate([np.full(len(term[2]), term[3]) for term in terms])
-        self.terms = len(self._weights)
+            sums, self.products = assembly.of_formulation(problem, tables, self.constraining)
+        else:
+            sums = assembly.of_index_3(problem, tables)
+        self._fixed, self._sources, self._weights = fixed.values, sums.origins, sums.coefficients
+        self.terms = len(sums.coefficients)
+        rows, columns = (np.concatenate(pair) for pair in zip(fixed[:2], sums[:2], strict=True))
 
         places = np.arange(self.size)
         self.order = order or Order(places, places)
@@ -224,17 +73,10 @@ class Jacobian:
 
     def entries(self, values: Values, tangents: Tangents | None = None) -> Array:
         """Entries of J, not scaled, at `rows`, `columns`."""
-        parts = [
-            self._x.values(values.x),
-            self._y.values(values.y),
-            self._g.values(values.g),
-            self._fixed_sources,
-        ]
-        if self.constraining and tangents is not None:
-            parts += [self._g.values(part) for row in tangents.rows for part in row]
-            parts += self.products(values, tangents)
-        sources = np.concatenate(parts)
-        weighted = self._weights * sources[self._sources]
+        sources = assembly.sources(values, tangents)
+        if self.products:
+            sources = self.products.behind(sources)
+        weighted = np.concatenate([self._fixed, self._weights * sources[self._sources]])
         return summed(self._slots, weighted, len(self.rows))
 
     def scaled_entries(self, values: Values, tangents: Tangents | None = None) -> Array:

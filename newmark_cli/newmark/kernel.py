@@ -138,7 +138,6 @@ class _Constraining(NamedTuple):
     tangents: np.ndarray  #: (k, 3, E) theirs to u, v, a
     eta: np.ndarray  #: (m,) η
     directions: np.ndarray  #: (T,) terms of P at the beginning of the step
-    p: np.ndarray  #: (n, m) their sums, where the matrix is dense
     moved: np.ndarray  #: (n,) P times the change of η, in double precision
     push: np.ndarray  #: (n,) Pη
     shifted: np.ndarray  #: (m,) λ − pΦ
@@ -157,7 +156,8 @@ class _Constraining(NamedTuple):
 class _Room(NamedTuple):
     """What a march overwrites in every step."""
 
-    sources: np.ndarray  #: entries of X, Y and G, one after the other: those of the values
+    #: entries of X, Y and G, those of the values; of a formulation then its own, see `assembly`
+    sources: np.ndarray
     values: _Values
     iterate: _Iterate
     history: _History
@@ -168,18 +168,21 @@ class _Room(NamedTuple):
     last_multipliers: np.ndarray  #: (m,) λ likewise
 
 
-def _allocate(problem, tables, dense, state, schedule, sizes):
+def _allocate(problem, tables, dense, extra, state, schedule, sizes):
     """Return room for a march."""
     n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
     of_x, of_g = len(problem.x_rows), len(problem.g_rows)
     of_y = of_x + len(problem.y_rows)
-    sources = np.empty(of_y + of_g, dtype)
+    sources = np.zeros(of_y + of_g, dtype)
+    if extra is not None:
+        behind = 3 * len(extra.rows) * of_g + len(extra.projector_rows) + len(extra.first)
+        sources = np.zeros(of_y + of_g + behind, dtype)
     values = _Values(
         force=np.empty(n, dtype),
         phi=np.empty(m, dtype),
         x=sources[:of_x],
         y=sources[of_x:of_y],
-        g=sources[of_y:],
+        g=sources[of_y : of_y + of_g],
     )
     iterate = _Iterate(
         compensated=schedule.compensated,
@@ -202,12 +205,13 @@ def _allocate(problem, tables, dense, state, schedule, sizes):
     )  # fmt: skip
 
 
-def _allocate_constraining(problem, dense, extra, state, recorded):
+def _allocate_constraining(problem, dense, extra, state, sources, recorded):
     """Return room for what a formulation overwrites in every step."""
     n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
     entries, rows = len(problem.g_rows), len(extra.rows)
-    saddle, terms = n + m if extra.level > 0 else 0, len(extra.projector_rows)
-    is_dense = len(dense.constant) > 0
+    saddle = n + m if extra.level > 0 else 0
+    first = len(problem.x_rows) + len(problem.y_rows) + entries
+    second = first + 3 * rows * entries
     return _Constraining(
         rate=np.zeros(m, dtype),
         curvature=np.zeros(m, dtype),
@@ -216,17 +220,16 @@ def _allocate_constraining(problem, dense, extra, state, recorded):
         q=np.zeros(entries, dtype),
         psi=np.zeros(m, dtype),
         rows=np.empty((rows, m), dtype),
-        tangents=np.empty((rows, 3, entries), dtype),
+        tangents=sources[first:second].reshape(rows, 3, entries),
         eta=np.zeros(m, dtype),
-        directions=np.zeros(terms, dtype),
-        p=np.zeros((n, m) if is_dense and terms else (0, 0), dtype),
+        directions=sources[second : second + len(extra.projector_rows)],
         moved=np.zeros(n),
         push=np.zeros(n, dtype),
         shifted=np.empty(m, dtype),
         now=np.zeros(recorded),
         last=np.zeros(recorded),
         done=np.zeros(recorded, np.int64),
-        matrix=np.empty((saddle, saddle) if is_dense else (0, 0), dtype),
+        matrix=np.empty((saddle, saddle) if len(dense.constant) else (0, 0), dtype),
         rhs=np.empty(saddle, dtype),
         columns=np.empty(saddle, np.uint64),
         row=np.empty(saddle, dtype),
@@ -456,7 +459,8 @@ def _solve_pivoting(python, system, rhs):
         return _call_python(python.addresses[0])  # type: ignore[call-arg]
     if solve_in_place(system.matrix, rhs, system.columns, system.row):
         return np.int64(COMPLETED)
-    return np.int64(SINGULAR)
+    # What is not a number is no pivot either.
+    return np.int64(SINGULAR if np.isfinite(_square(rhs)) else DIVERGED)
 
 
 @_inline
@@ -649,12 +653,8 @@ def _set_directions(extra, g, work):
     """Set η = 0 and P from the entries of G at the beginning of the step."""
     work.eta[:] = 0
     work.push[:] = 0
-    work.p[:] = 0
     for e in range(work.directions.shape[0]):
-        term = extra.projector_values[e] * g[extra.projector_sources[e]]
-        work.directions[e] = term
-        if work.p.shape[0] > 0:
-            work.p[extra.projector_rows[e], extra.projector_columns[e]] += term
+        work.directions[e] = extra.projector_values[e] * g[extra.projector_sources[e]]
 
 
 @_part
@@ -715,79 +715,11 @@ def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
 
 
 @_part
-def _add_columns_of_eta(problem, tables, extra, n, values, work, matrix):
-    """Add what η does through u, v and a, and in the kept row K."""
-    p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
-    column, right = p * n + m, tables.right[p + 1]
-    to_u, to_v, to_a = extra.eta[0], extra.eta[1], extra.eta[2]
-    of_dynamics = tables.left[0] * right
-    if to_u != 0:
-        for e in range(values.x.shape[0]):
-            row, source = problem.x_rows[e], problem.x_columns[e]
-            factor = of_dynamics * to_u * values.x[e]
-            for k in range(m):
-                matrix[row, column + k] += factor * work.p[source, k]
-    if to_v != 0:
-        for e in range(values.y.shape[0]):
-            row, source = problem.y_rows[e], problem.y_columns[e]
-            factor = of_dynamics * to_v * values.y[e]
-            for k in range(m):
-                matrix[row, column + k] += factor * work.p[source, k]
-    if to_a != 0:
-        for e in range(problem.mass_rows.shape[0]):
-            row, source = problem.mass_rows[e], problem.mass_columns[e]
-            factor = of_dynamics * extra.inertia * to_a * problem.mass_values[e]
-            for k in range(m):
-                matrix[row, column + k] += factor * work.p[source, k]
-    for r in range(kept_rows):
-        if extra.rows_eta[r] != 0:
-            factor = tables.left[1 + r] * right * extra.rows_eta[r]
-            for i in range(n):
-                for k in range(m):
-                    matrix[(1 + r) * n + i, column + k] += factor * work.p[i, k]
-    for kind in range(extra.rows.shape[0]):
-        of_row = tables.left[1 + kept_rows + kind] * right
-        for e in range(values.g.shape[0]):
-            tangent = to_u * work.tangents[kind, 0, e] + to_v * work.tangents[kind, 1, e]
-            tangent += to_a * work.tangents[kind, 2, e]
-            if tangent != 0:
-                row, source = p * n + kind * m + problem.g_columns[e], problem.g_rows[e]
-                factor = of_row * tangent
-                for k in range(m):
-                    matrix[row, column + k] += factor * work.p[source, k]
-
-
-@_part
-def _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system):
-    """Add the rows of constraints, −G, the columns of η and the penalty to D_L J D_R."""
-    entries, matrix, weights = system.entries, system.matrix, tables.weights
-    p, kept_rows, m = tables.kept.shape[0], tables.row_weights.shape[0], work.rate.shape[0]
-    rows = extra.rows.shape[0]
-    for row in range(rows):
-        left = tables.left[1 + kept_rows + row]
-        # Places know the first row of constraints.
-        further = row * m * matrix.shape[0]
-        for k in range(p):
-            factor = left * tables.right[k]
-            for e in range(values.g.shape[0]):
-                tangent = weights[0, k] * work.tangents[row, 0, e]
-                tangent += weights[1, k] * work.tangents[row, 1, e]
-                tangent += weights[2, k] * work.tangents[row, 2, e]
-                entries[extra.gt_places[k, e] + np.uint64(further)] += factor * tangent
-    if rows > 0:
-        factor = tables.left[0] * tables.right[p]
-        for e in range(values.g.shape[0]):
-            entries[extra.g_places[e]] -= factor * values.g[e]
-    if extra.penalty[0] > 0:
-        for e in range(extra.first.shape[0]):
-            first, second = extra.first[e], extra.second[e]
-            product = extra.penalty[0] * (values.g[first] * values.g[second])
-            i, j = problem.g_rows[first], problem.g_rows[second]
-            for k in range(p):
-                factor = tables.left[0] * weights[0, k] * tables.right[k]
-                matrix[i, k * n + j] += factor * product
-    if extra.stabilised != 0:
-        _add_columns_of_eta(problem, tables, extra, n, values, work, matrix)
+def _multiply(extra, sources):
+    """Set the sources that are products of two others, behind all others."""
+    begin = sources.shape[0] - extra.first.shape[0]
+    for e in range(extra.first.shape[0]):
+        sources[begin + e] = sources[extra.first[e]] * sources[extra.second[e]]
 
 
 @_part
@@ -804,8 +736,8 @@ def _assemble_formulated(
     )  # fmt: skip
     _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
     if dense.constant.shape[0] > 0:
+        _multiply(extra, sources)
         _assemble(sources, dense, system.entries)
-        _add_constraints_to_jacobian(problem, tables, extra, n, values, work, system)
 
 
 @_part
@@ -1305,14 +1237,14 @@ def march(
     of_problem, of_step = problem
     made: Any
     dtype, formulated, work = state.fields.dtype, extra is not None, None
-    room = _allocate(of_problem, of_step, dense, state, schedule, sizes)
+    room = _allocate(of_problem, of_step, dense, extra, state, schedule, sizes)
     with _compiling:
         kinds = [evaluate_type(dtype)]
         if formulated:
             made, given = _march_formulated, [evaluate, derive]
             kinds.append(derivatives_type(dtype))
             work = _allocate_constraining(
-                of_problem, dense, extra, state, counts.norms.shape[1]
+                of_problem, dense, extra, state, room.sources, counts.norms.shape[1]
             )  # fmt: skip
             numbers = (
                 *problem, dense, extra, python.calls, state, schedule, sizes, counts, record, room,

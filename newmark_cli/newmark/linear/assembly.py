@@ -1,14 +1,18 @@
-"""D_L J D_R of index 3 as constants and terms, in the numbers of one step size.
+"""D_L J D_R as constants and terms, in the numbers of one step size.
 
-An entry of the matrix is a constant plus a sum of coefficients times sources, the values
-of X, Y and G at their patterns, one after the other.  Which constant, which sources and
-which coefficients is decided here, once; the engines only multiply and add.
+An entry of the matrix is a constant plus a sum of coefficients times sources: the values of
+X, Y and G at their patterns, one after the other; of a formulation also the tangents of its
+rows, the terms of P, and products of two sources.  Which constant, which sources and which
+coefficients is decided here, once; all that has a matrix only multiplies and adds.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from newmark_cli.newmark.constraints import Constraining, Tangents
+from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array, IndexArray
@@ -27,8 +31,19 @@ class Sums(NamedTuple):
 
     rows: IndexArray
     columns: IndexArray
-    origins: IndexArray  #: the source: an entry of X, then of Y, then of G
+    origins: IndexArray  #: the source: an entry of X, then of Y, then of G, then see `Sources`
     coefficients: Array
+
+
+class Products(NamedTuple):
+    """Sources that are products of two that stand before them; they stand last."""
+
+    first: IndexArray
+    second: IndexArray
+
+    def behind(self, sources: Array) -> Array:
+        """The sources, and the products behind them."""
+        return np.concatenate([sources, sources[self.first] * sources[self.second]])
 
 
 def unknowns(problem: Problem, scheme: Scheme) -> int:
@@ -36,15 +51,24 @@ def unknowns(problem: Problem, scheme: Scheme) -> int:
     return sum(scheme.form.sizes(problem.n, problem.m))
 
 
-def sources(values: Values, scheme: Scheme) -> Array:
-    """(E,) what the terms multiply, as `Sums` counts it."""
-    return np.concatenate([values.x, values.y, values.g]).astype(scheme.dtype)
+def sources(values: Values, tangents: Tangents | None = None) -> Array:
+    """What the terms multiply, as `Sums` counts it, but for products."""
+    parts = [values.x, values.y, values.g]
+    if tangents is not None:
+        parts += [tangents.rows.ravel(), tangents.directions]
+    return np.concatenate(parts)
 
 
-def constants(problem: Problem, scheme: Scheme) -> Constants:
+def unscaled(scheme: Scheme) -> StepTables:
+    """Numbers of J without D_L and D_R, in double precision."""
+    tables = replace(scheme, precision="float64").tables
+    return tables._replace(left=np.ones_like(tables.left), right=np.ones_like(tables.right))
+
+
+def constants(problem: Problem, tables: StepTables) -> Constants:
     """M in row D and the identities in the kept rows V and K."""
-    tables, pattern, n = scheme.tables, problem.pattern, problem.n
-    mass = problem.mass_values.astype(scheme.dtype)
+    pattern, n, dtype = problem.pattern, problem.n, tables.left.dtype
+    mass = problem.mass_values.astype(dtype)
     parts = []
     for k, right in enumerate(tables.right[: len(tables.kept)]):
         factor = tables.left[0] * tables.dynamic_weights[k] * right
@@ -53,36 +77,141 @@ def constants(problem: Problem, scheme: Scheme) -> Constants:
             factor = tables.left[1 + r] * weights[k] * right
             if factor != 0:
                 coordinates = np.arange(n)
-                diagonal = np.full(n, factor, scheme.dtype)
+                diagonal = np.full(n, factor, dtype)
                 parts.append(((1 + r) * n + coordinates, k * n + coordinates, diagonal))
     return Constants(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def of_motion(problem: Problem, scheme: Scheme) -> Sums:
-    """X and Y in row D."""
-    return _sums(_of_motion(problem, scheme), scheme)
-
-
-def of_index_3(problem: Problem, scheme: Scheme) -> Sums:
+def of_index_3(problem: Problem, tables: StepTables) -> Sums:
     """X, Y and −G in row D, Gᵀ in row C."""
-    tables, pattern, n = scheme.tables, problem.pattern, problem.n
+    pattern, n = problem.pattern, problem.n
     p, first = len(tables.kept), len(pattern.x_rows) + len(pattern.y_rows)
     of_g, row = first + np.arange(len(pattern.g_rows)), 1 + len(tables.row_weights)
-    parts = _of_motion(problem, scheme)
+    parts = _of_motion(problem, tables)
     for k, right in enumerate(tables.right[:p]):
         if (weight := tables.weights[0, k]) != 0:
             factor = tables.left[row] * weight * right
             parts.append((row * n + pattern.g_columns, k * n + pattern.g_rows, of_g, factor))
     factor = -(tables.left[0] * tables.right[p])
     parts.append((pattern.g_rows, p * n + pattern.g_columns, of_g, factor))
-    return _sums(parts, scheme)
+    return _sums(parts, tables)
 
 
-_Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any]]
+def of_formulation(
+    problem: Problem, tables: StepTables, constraining: Constraining
+) -> tuple[Sums, Products]:
+    """X and Y in row D, rows of constraints, −G, a penalty, and the columns of η.
+
+    P stands behind X, Y, M and the rows of constraints, where η moves eliminated fields.
+    """
+    parts, products = _of_motion(problem, tables), _Multiplied(problem, constraining)
+    pattern, n, m, p = problem.pattern, problem.n, problem.m, len(tables.kept)
+    left, weights, to_projector = tables.left, tables.weights, constraining.projector
+    rows = list(enumerate(constraining.weights))
+    first_row = 1 + len(tables.row_weights)
+    for row, used in rows:
+        at = p * n + row * m + pattern.g_columns
+        for k, right in enumerate(tables.right[:p]):
+            for field in _fields(used):
+                if (weight := weights[field, k]) != 0:
+                    factor = left[first_row + row] * weight * right
+                    of_row = products.tangents(row, field)
+                    parts.append((at, k * n + pattern.g_rows, of_row, factor))
+    if rows:
+        factor = -(left[0] * tables.right[p])
+        parts.append((pattern.g_rows, p * n + pattern.g_columns, products.g, factor))
+    if constraining.penalty:
+        one, other = constraining.pairs
+        square = products.of(products.g[one], products.g[other])
+        i, j = pattern.g_rows[one], pattern.g_rows[other]
+        for k, right in enumerate(tables.right[:p]):
+            if (weight := weights[0, k]) != 0:
+                factor = left[0] * weight * right * constraining.penalty
+                parts.append((i, k * n + j, square, factor))
+    if constraining.stabilised:
+        right, at = tables.right[p + 1], p * n + m + to_projector.columns
+        for entries, field, of_entries in (
+            ((pattern.x_rows, pattern.x_columns), 0, products.x),
+            ((pattern.y_rows, pattern.y_columns), 1, products.y),
+        ):
+            if (eta := constraining.eta[field]) != 0:
+                one, other = _meetings(entries[1], to_projector.rows, n)
+                of = products.of(of_entries[one], products.directions[other])
+                parts.append((entries[0][one], at[other], of, left[0] * right * eta))
+        if (eta := constraining.inertia * constraining.eta[2]) != 0:
+            one, other = _meetings(pattern.mass_columns, to_projector.rows, n)
+            factors = left[0] * right * eta * problem.mass_values[one]
+            of = products.directions[other]
+            parts.append((pattern.mass_rows[one], at[other], of, factors))
+        for r, eta in enumerate(constraining.rows_eta):
+            if eta != 0:
+                factor = left[1 + r] * right * eta
+                of_row = (1 + r) * n + to_projector.rows
+                parts.append((of_row, at, products.directions, factor))
+        one, other = _meetings(pattern.g_rows, to_projector.rows, n)
+        for row, used in rows:
+            for field in _fields(used):
+                if (eta := constraining.eta[field]) != 0:
+                    of = products.of(products.tangents(row, field)[one], products.directions[other])
+                    factor = left[first_row + row] * right * eta
+                    of_row = p * n + row * m + pattern.g_columns[one]
+                    parts.append((of_row, at[other], of, factor))
+    return _sums(parts, tables), products.all
 
 
-def _of_motion(problem: Problem, scheme: Scheme) -> list[_Part]:
-    tables, pattern, n = scheme.tables, problem.pattern, problem.n
+class _Multiplied:
+    """Numbers of the sources of a formulation, and its products."""
+
+    def __init__(self, problem: Problem, constraining: Constraining) -> None:
+        pattern, rows = problem.pattern, len(constraining.weights)
+        x, y, g = (len(of) for of in (pattern.x_rows, pattern.y_rows, pattern.g_rows))
+        sizes = [x, y, g, 3 * rows * g, len(constraining.projector.rows)]
+        ends = np.cumsum(sizes)
+        self.x, self.y, self.g, self._tangents, self.directions = (
+            np.arange(end - size, end) for size, end in zip(sizes, ends, strict=True)
+        )
+        self._entries, self._end = g, int(ends[-1])
+        none = np.empty(0, np.int64)
+        self._parts: list[tuple[IndexArray, IndexArray]] = [(none, none)]
+
+    def tangents(self, row: int, field: int) -> IndexArray:
+        """Those of a row of constraints to a field."""
+        return self._tangents[(3 * row + field) * self._entries :][: self._entries]
+
+    def of(self, first: IndexArray, second: IndexArray) -> IndexArray:
+        """New sources: products of others."""
+        self._parts.append((first, second))
+        self._end += len(first)
+        return np.arange(self._end - len(first), self._end)
+
+    @property
+    def all(self) -> Products:
+        """All of them."""
+        return Products(*(np.concatenate(of) for of in zip(*self._parts, strict=True)))
+
+
+def _fields(weights: Array) -> list[int]:
+    """Fields to which a row s₀, s₁, s₂ of constraints has tangents."""
+    return [field for field in range(3) if np.any(weights[field:])]
+
+
+def _meetings(left: IndexArray, right: IndexArray, size: int) -> tuple[IndexArray, IndexArray]:
+    """All pairs of places, one in each list, that hold the same number (below ``size``)."""
+    order = np.argsort(right, kind="stable")
+    counts = np.bincount(right, minlength=size)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    lengths = counts[left]
+    first = np.repeat(np.arange(len(left)), lengths)
+    within = np.arange(len(first)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return first, order[np.repeat(starts[left], lengths) + within]
+
+
+_Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any] | Array]
+
+
+def _of_motion(problem: Problem, tables: StepTables) -> list[_Part]:
+    """X and Y in row D."""
+    pattern, n = problem.pattern, problem.n
     of_x = np.arange(len(pattern.x_rows))
     of_y = len(of_x) + np.arange(len(pattern.y_rows))
     parts: list[_Part] = []
@@ -97,13 +226,11 @@ def _of_motion(problem: Problem, scheme: Scheme) -> list[_Part]:
     return parts
 
 
-def _sums(parts: list[_Part], scheme: Scheme) -> Sums:
+def _sums(parts: list[_Part], tables: StepTables) -> Sums:
+    none, dtype = np.empty(0, np.int64), tables.left.dtype
     rows, columns, origins = (
-        np.concatenate([np.asarray(part[field], np.int64) for part in parts] or [_NONE])
+        np.concatenate([none, *(np.asarray(part[field], np.int64) for part in parts)])
         for field in range(3)
     )
-    coefficients = [np.full(len(part[0]), part[3], scheme.dtype) for part in parts]
-    return Sums(rows, columns, origins, np.concatenate(coefficients or [_NONE.astype(float)]))
-
-
-_NONE = np.empty(0, np.int64)
+    coefficients = [np.broadcast_to(part[3], len(part[0])).astype(dtype) for part in parts]
+    return Sums(rows, columns, origins, np.concatenate([none.astype(dtype), *coefficients]))

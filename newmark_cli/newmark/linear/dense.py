@@ -8,6 +8,7 @@ import numpy as np
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.jacobian import Balanced, Jacobian
 from newmark_cli.newmark.linear import assembly
+from newmark_cli.newmark.linear.assembly import Sums
 from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.algebra import Factors, spectral_norm
@@ -44,14 +45,10 @@ class BalancedJacobian(Balanced):
         return spectral_norm(self.system.dense(self.scaled)) * spectral_norm(inverse)
 
 
-def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
-    """D_L J D_R as the kernel assembles it; places count its entries row by row.
-
-    Of a formulation it has the constants, X and Y.
-    """
+def dense_tables(problem: Problem, scheme: Scheme, sums: Sums) -> MatrixTables:
+    """D_L J D_R as the kernel assembles it; places count its entries row by row."""
     dtype, size = scheme.dtype, assembly.unknowns(problem, scheme)
-    fixed = assembly.constants(problem, scheme)
-    sums = (assembly.of_motion if scheme.formulated else assembly.of_index_3)(problem, scheme)
+    fixed = assembly.constants(problem, scheme.tables)
     constant = np.zeros(size * size, dtype)
     np.add.at(constant, fixed.rows * size + fixed.columns, fixed.values)
     return MatrixTables(
@@ -67,7 +64,7 @@ def dense_tables(problem: Problem, scheme: Scheme) -> MatrixTables:
 
 def assembled(tables: MatrixTables, scheme: Scheme, values: Values) -> Array:
     """(N, N) D_L J D_R of index 3 at a state, as the kernel assembles it."""
-    sources = assembly.sources(values, scheme)
+    sources = assembly.sources(values).astype(scheme.dtype)
     entries = tables.constant.copy()
     np.add.at(entries, tables.places, tables.coefficients * sources[tables.origins])
     size = math.isqrt(len(entries))

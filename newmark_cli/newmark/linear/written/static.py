@@ -42,8 +42,8 @@ class StaticElimination:
         """Analyse the order, unless the lists are known from another step size."""
         self.problem, self.scheme = problem, scheme
         self.size = assembly.unknowns(problem, scheme)
-        self._constants = assembly.constants(problem, scheme)
-        self._sums = assembly.of_index_3(problem, scheme)
+        self._constants = assembly.constants(problem, scheme.tables)
+        self._sums = assembly.of_index_3(problem, scheme.tables)
         if lists:
             self.lists = lists
             return
@@ -154,7 +154,7 @@ class StaticElimination:
 
     def sources(self, values: Values) -> Array:
         """(E,) what the terms multiply."""
-        return assembly.sources(values, self.scheme)
+        return assembly.sources(values).astype(self.scheme.dtype)
 
     def _terms(self, values: Values) -> Constants:
         """What a state adds to the constants."""
