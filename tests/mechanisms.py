@@ -101,22 +101,23 @@ def exact_phi(problem, u):
         header, end = ints[e : e + elements.PLACES], e + ints[e + elements.SIZE]
         places = iter(ints[e + elements.PLACES : end])
         e = end
-        square = header[elements.KIND] in (elements.LINK, elements.SQUARE)
+        square = header[elements.KIND] == elements.SQUARE
         if not square and header[elements.KIND] != elements.PRODUCT:
             continue
+        sums, axes = header[elements.SUMS], header[elements.AXES]
         constants = iter(numbers[header[elements.REALS] :])
         weights = iter(numbers[header[elements.WEIGHTS] :])
         value = -numbers[header[elements.PARAMETERS]] if header[elements.GIVEN] else 0
-        vectors = []
+        factors = []
         for count in header[elements.FIRST : elements.SINGLE]:
-            vectors.append([next(constants, 0) for _ in range(header[elements.COMPONENTS])])
-            for _ in range(count):
-                place, a = next(places), next(weights)
-                b = next(weights) if header[elements.TURNED] else 0
-                for c in range(header[elements.COMPONENTS]):
-                    turned = (b if c else -b) * u[place + 1 - c] if b else 0
-                    vectors[-1][c] += a * u[place + c] + turned
-        value += sum(x * y for x, y in zip(vectors[0], vectors[0 if square else 1], strict=True))
+            at = [next(places) for _ in range(count)]
+            factors.append([next(constants, 0) for _ in range(sums * axes)])
+            for q in range(sums):
+                of_sum = [next(weights) for _ in range(count)]
+                for c in range(axes):
+                    terms = (a * u[place + c] for a, place in zip(of_sum, at, strict=True))
+                    factors[-1][axes * q + c] += sum(terms)
+        value += sum(x * y for x, y in zip(factors[0], factors[0 if square else 1], strict=True))
         value += sum(next(weights) * u[next(places)] for _ in range(header[elements.SINGLE]))
         phi[header[elements.ROW]] = value / 2 if square else value
     return phi

@@ -56,7 +56,7 @@ class Row(NamedTuple):
 
 
 class Sum(NamedTuple):
-    """A combination of vectors of a mechanism: what is constant of it, and its terms."""
+    """Sums of a mechanism, such as a combination of its vectors: constants, and terms."""
 
     constant: Sequence[float] | Array
     terms: Sequence[Term]
@@ -82,12 +82,10 @@ class Builder(ABC):
         loads: (vectors, components) constant forces.
     """
 
-    #: What a file may say, its keys of parts in the order of their rows, components of a vector,
-    #: and whether its weights are turned.
+    #: What a file may say, its keys of parts in the order of their rows, components of a vector.
     model: ClassVar[type[MechanismModel]]
     parts: ClassVar[tuple[str, ...]]
     components: ClassVar[int]
-    turned: ClassVar[bool] = False
 
     def __init__(
         self, name: str, document: Document, mechanism: Any,
@@ -276,23 +274,36 @@ class Builder(ABC):
         law: Law | None = None,
         timed: Sequence[laws.Timed] = (),
     ) -> None:
-        """Add an element of a kind of `elements`; sums are L, K, P, and ``single`` coordinates."""
-        first, second = [*(of.terms for of in sums), (), ()][:2]
+        """Add an element of a kind of `elements`; sums are s and t, ``single`` the terms of b.
+
+        A term of the plane has two weights, of a turned combination.  Where an angle turns s, its
+        constants are those of q and p in turn, and so are, in space, the weights of its terms.
+        """
+        planar = self.components == 2
+        turned = planar and any(b != 0 for of in sums for _, _, b in of.terms)
+        places, weights, counts = list[int](), list[float](), [0, 0]
+        for i, of in enumerate(sums):
+            counts[i] = len(of.terms) * (1 + turned)
+            if turned:
+                places += [place + c for place, _, _ in of.terms for c in (0, 1)]
+                weights += [weight for _, a, b in of.terms for weight in (a, 0.0 - b)]
+                weights += [weight for _, a, b in of.terms for weight in (b, a)]
+            else:
+                places += [term[0] for term in of.terms]
+                weights += [weight for term in of.terms for weight in term[1 : 2 if planar else 3]]
         constants = [number for of in sums for number in of.constant]
-        shape = Shape(
-            getattr(elements, kind),
-            self.components if sums else 0,
-            self.turned and bool(sums) and kind not in ("LINK", "LOAD"),
-            len(constants),
-            len(parameters),
-            *map(len, (first, second, single)),
-        )
+        axes = (1 if turned else self.components) if sums else 0
+        numbers = len(constants), len(parameters), *counts, len(single)
+        shape = Shape(getattr(elements, kind), 1 + turned, axes, *numbers)
+        places += [place for place, _ in single]
+        weights += [weight for _, weight in single]
         acting = timed if law is None else (laws.Timed(law, parameters),)
-        self.elements.add(shape, row, constants, parameters, [*first, *second, *single], acting)
+        self.elements.add(shape, row, places, [*constants, *parameters, *weights], acting)
 
     def load(self, place: int, force: Sequence[float], *timed: laws.Timed) -> None:
         """Add a force on one vector, whose place in u is given."""
-        self.add("LOAD", Sum((), [(place,)]), parameters=force, timed=timed)
+        shape = Shape(elements.LOAD, 1, self.components, 0, len(force), 1, 0, 0)
+        self.elements.add(shape, -1, [place], force, timed)
 
     @abstractmethod
     def between(self, start: str, end: str, path: KeyPath) -> Sum:

@@ -1,44 +1,42 @@
 """Element loop of all mechanisms, in the plane and in space, compiled once.
 
-A constraint is a row of quadratic data, Φ = ½ (L·L − c) or Φ = L·K + b·u − law(t), with
-combinations of the vectors of the mechanism,
+An element is a few sums of coordinates, s = A u + a.  A constraint is a row of quadratic data,
 
-    L = L0 + Σ_k C_k V_k,
+    Φ = ½ (Σ s² − c)    or    Φ = Σ s t + b·u − law(t),    t = B u + d,
 
-L0 what the ground contributes.  In space V_k is a position or a director of a body, and C_k a
-weight.  In the plane V_k is the position of a moving point P_k, and C_k = a_k + b_k R with the
-quarter turn R to the left: a body-fixed point is a rotated and stretched combination of the two
-points that carry its body.  The factors are kept, not their products: ½ uᵀQu would round with
-the size of u.  As Φ is quadratic, Φ'' and the tangents of Φ' and Φ'' are Φ and G of the same rows
-without what is constant, at the velocities and at the accelerations.
+its column of G is Aᵀ t + Bᵀ s + b, and its tangent X = −λ (Aᵀ B + Bᵀ A).  The factors are kept,
+not their products: ½ uᵀQu would round with the size of u.  Φ'' and the tangents of Φ' and Φ'' are
+Φ and G of the same row, without what is constant, at the velocities and at the accelerations.
 
-A force F conjugate to L loads the vectors with C_kᵀ F, and its tangents ∂F/∂L, ∂F/∂L' enter as
-C_kᵀ (…) C_l.
+Most sums come in twos or threes that differ by their axis only: x, y and z of a combination of
+points, or of positions and directors.  Their weights stand once, and their places are those of x.
+A combination of points of the plane that is turned, too, has a sum for x and one for y, on one
+axis, and each coordinate is a place.
+
+A force F conjugate to s loads u with Aᵀ F, and its tangents enter as Aᵀ (…) A.
 
 Both tables have one row.  In ``ints`` each element is a header, see the columns below, and the
-places in u of the vectors of its first and its second combination, and of its single coordinates
-(b, angles).  In ``reals`` it has L0, K0 (and P0 of `ANGLE`, `COUPLE`, `HINGE`), parameters, and the
-weights: a and b of each vector where weights are turned, else one; of the first combination of
-`ANGLE` and `HINGE` two, of Q and of P.
+places in u of the terms of s, of t, and of b.  In ``reals`` it has a, d, parameters, and weights:
+of s, of t, sum by sum, and b.  Where an angle θ turns s, it is cos θ q − sin θ p: each constant
+and each weight of s is one of q and one of p.
 
 ========  ===================================================================
 kind      what it is, and its parameters
 ========  ===================================================================
 LOAD      a constant force on one vector; the force
-LINK      Φ = ½ (L·L − c), L between plain points of the plane: the commonest, in its own loop
-SQUARE    the same of any L: a distance, a director of length 1
-PRODUCT   Φ = L·K + b·u − law(t); the law, or a constant, or nothing
-ANGLE     Φ = (cos θ Q − sin θ P)·K, θ = law(t): a driven angle; the law
-SPRING    stiffness, rest length
-DAMPER    damping of the rate of |L|
-TORQUE    of the plane: a torque through the angle of L; the torque
-COUPLE    the same Φ as of `ANGLE`, θ the single coordinate
-FORCE     of the plane: the force n law(t) on L; n, the law
-TWIST     torque on q = b·u: angle of rest, stiffness, damping
+SQUARE    Φ = ½ (Σ s² − c): a distance, a director of length 1; c
+PRODUCT   Φ = Σ s t + b·u − law(t); the law, or a constant, or nothing
+ANGLE     Φ = Σ (cos θ q − sin θ p) t, θ = law(t): a driven angle; the law
+SPRING    between two points, whose difference is s; stiffness, rest length
+DAMPER    damping of the rate of its length
+TORQUE    of the plane: a torque through the angle of s; the torque
+COUPLE    the same Φ as of `ANGLE`, θ the coordinate behind those of t
+FORCE     the force b law(t); the law
+TWIST     torque on b·u: value of rest, stiffness, damping
 MOMENT    a torque with constant components, on the three directors of a body; these
 FOLLOWER  the same with components in the body's axes
 HINGE     torque, stiffness, angle of rest and damping about the axis of a joint; its angle
-          is φ = atan2(Q·K, P·K), within ±π
+          is φ = atan2(Σ q t, Σ p t), within ±π
 ========  ===================================================================
 
 Laws of time may stand behind all elements, see `timed`.  The functions ``…_timed`` put values
@@ -58,352 +56,265 @@ sine_cosine, at_time, _law = timed.sine_cosine, timed.at_time, timed.law
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 _compile, _compile_allocating = cached_njit(**_OPTIONS, _nrt=False), cached_njit(**_OPTIONS)
 _part, _part_allocating = part_njit(**_OPTIONS, _nrt=False), part_njit(**_OPTIONS)
-#: Handing on arrays costs time in each call: parts that are inlined by LLVM, and, where there is
-#: but one call, by numba, which compiles sooner.
-_inline, _once = (
-    part_njit(**_OPTIONS, _nrt=False, forceinline=True),
-    part_njit(**_OPTIONS, inline="always"),
-)
+#: Handing on arrays costs time in each call: parts that LLVM inlines.
+_inline = part_njit(**_OPTIONS, _nrt=False, forceinline=True)
 
 #: Kinds; those from `COUPLE` on are left to `_accumulate_further`.
 (
-    LOAD, LINK, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT,
-    FOLLOWER, HINGE,
-) = range(14)  # fmt: skip
+    LOAD, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT, FOLLOWER,
+    HINGE,
+) = range(13)  # fmt: skip
 #: Kinds that are a constraint, one row each: without and with an angle.
-QUADRATIC, ANGULAR = (LINK, SQUARE, PRODUCT), (ANGLE, COUPLE)
+QUADRATIC, ANGULAR = (SQUARE, PRODUCT), (ANGLE, COUPLE)
 CONSTRAINTS = (*QUADRATIC, *ANGULAR)
 
 #: Columns of a header: entries of the element in ``ints``, where its numbers begin in ``reals``,
-#: its parameters and weights, its row, the first entries in the values of X, Y and G, the
-#: components of a vector, whether weights are turned, parameters, and terms of each sum.
+#: its parameters and weights, its row, the first entries in the values of X, Y and G, sums whose
+#: weights differ, axes on which each is repeated, parameters, and terms of s, of t and of b.
 (
-    KIND, SIZE, REALS, PARAMETERS, WEIGHTS, ROW, X_START, Y_START, G_START, COMPONENTS, TURNED,
+    KIND, SIZE, REALS, PARAMETERS, WEIGHTS, ROW, X_START, Y_START, G_START, SUMS, AXES,
     GIVEN, FIRST, SECOND, SINGLE, PLACES,
 ) = range(16)  # fmt: skip
 #: Parameters of a law of time.
 LAW = 6
 #: Which derivative of a law: each literal number would compile it once more.
 _VALUE, _RATE, _SECOND = np.int64(0), np.int64(1), np.int64(2)
+#: How many weights a term of s has: two where an angle turns it.
+_PLAIN, _TURNED = np.int64(1), np.int64(2)
+#: The `_shape` of a distance between points of the plane.
+_BAR = (True, np.int64(1), np.int64(2))
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
 _WOUND = 0.05
 
 
 @_inline
-def _sum(vector, ints, reals, place, weight, count, components, turned):
-    """Σ C_k V_k of the terms from a place and a weight on."""
+def _shape(ints, e):
+    """Whether a row is a square, sums with weights of their own, and axes."""
+    return ints[0, e + KIND] == SQUARE, ints[0, e + SUMS], ints[0, e + AXES]
+
+
+@_inline
+def _counts(is_square, turn, ints, e):
+    """Terms of s, t and b of a row; an angle that is a coordinate is none of these."""
+    none = np.int64(0)
+    if is_square:
+        return ints[0, e + FIRST], none, none
+    return ints[0, e + FIRST], ints[0, e + SECOND], none if turn[0] == 2 else ints[0, e + SINGLE]
+
+
+@_inline
+def _weight(reals, weight, turn):
+    """A weight of s; turn is how many there are, and cos θ and sin θ where there are two."""
+    if turn[0] == 1:
+        return reals[0, weight]
+    return turn[1] * reals[0, weight] - turn[2] * reals[0, weight + 1]
+
+
+@_inline
+def _sums(vector, whole, turn, shape, ints, reals, place, count, weight, constant):
+    """Sums at a vector as x, y and z, from where places, weights and constants begin."""
+    _, sums, axes = shape
     x, y, z = vector.dtype.type(0), vector.dtype.type(0), vector.dtype.type(0)
     for k in range(count):
-        i = ints[0, place + k]
-        if turned != 0:
-            a, b = reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
-            dx, dy = a * vector[i] - b * vector[i + 1], b * vector[i] + a * vector[i + 1]
+        i, a = ints[0, place + k], _weight(reals, weight + turn[0] * k, turn)
+        x += a * vector[i]
+        if sums == 2:
+            y += reals[0, weight + count + k] * vector[i]
         else:
-            a = reals[0, weight + k]
-            dx, dy = a * vector[i], a * vector[i + 1]
-            if components == 3:
-                dz = a * vector[i + 2]
-                z = dz if k == 0 else z + dz
-        x, y = (dx, dy) if k == 0 else (x + dx, y + dy)
+            y += a * vector[i + 1]
+            if axes == 3:
+                z += a * vector[i + 2]
+    x += whole * _weight(reals, constant, turn)
+    y += whole * _weight(reals, constant + turn[0], turn)
+    if axes == 3:
+        z += whole * _weight(reals, constant + 2 * turn[0], turn)
     return x, y, z
 
 
 @_inline
-def _spread(values, g, reals, weight, components, turned, x, y, z):
-    """C_kᵀ (x, y, z) of a term, as values."""
-    a = reals[0, weight]
-    if turned != 0:
-        b = reals[0, weight + 1]
-        values[g] = a * x + b * y
-        values[g + 1] = a * y - b * x
-    else:
-        values[g] = a * x
-        values[g + 1] = a * y
-        if components == 3:
-            values[g + 2] = a * z
+def _first(vector, whole, turn, shape, ints, reals, e):
+    """The sums s of the element at e; 0 for whole leaves out what is constant."""
+    return _sums(
+        vector, whole, turn, shape, ints, reals, e + PLACES, ints[0, e + FIRST],
+        ints[0, e + WEIGHTS], ints[0, e + REALS],
+    )  # fmt: skip
 
 
-@_part
-def _gradient(vector, whole, ints, reals, e, values):
-    """Row e at a vector: its products, and its columns of G as values at their places.
+@_inline
+def _spread(values, g, turn, shape, reals, count, weight, vector):
+    """Aᵀ (x, y, z) of the terms as values from g on; where they end."""
+    _, sums, axes = shape
+    x, y, z = vector
+    for k in range(count):
+        a = _weight(reals, weight + turn[0] * k, turn)
+        if sums == 2:
+            values[g] = a * x + reals[0, weight + count + k] * y
+        else:
+            values[g], values[g + 1] = a * x, a * y
+            if axes == 3:
+                values[g + 2] = a * z
+        g += axes
+    return g
+
+
+@_inline
+def _gradient(vector, whole, turn, shape, ints, reals, e, values, g):
+    """The row at e at a vector: its sum of products, and its column of G as values at its places.
 
     Args:
         vector: (n,).
         whole: 1; 0 without what is constant or linear in it.
+        turn, shape: See `_weight` and `_shape`.
         ints, reals: Element tables, see the module.
-        e: Where the row begins; not of `ANGLE` and `COUPLE`.
+        e: Where the row begins.
         values: Entries of G, of which those of the row are overwritten.
+        g: Where the first of them stands.
     """
-    kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
-    first, second, at = ints[0, e + FIRST], ints[0, e + SECOND], e + PLACES
-    r, weight, g = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + G_START]
-    w = weight + (1 + turned) * first
+    is_square, sums, axes = shape
+    first, second, single = _counts(is_square, turn, ints, e)
+    at, weight, plain = e + PLACES, ints[0, e + WEIGHTS], (_PLAIN, turn[1], turn[2])
+    behind = weight + turn[0] * sums * first
     product = vector.dtype.type(0)
-    if components > 0:
-        dx, dy, dz = _sum(vector, ints, reals, at, weight, first, components, turned)
-        dx += whole * reals[0, r]
-        dy += whole * reals[0, r + 1]
-        if components == 3:
-            dz += whole * reals[0, r + 2]
-        if kind in (LINK, SQUARE):
-            ex, ey, ez = dx, dy, dz
-        else:
-            ex, ey, ez = _sum(vector, ints, reals, at + first, w, second, components, turned)
-            ex += whole * reals[0, r + components]
-            ey += whole * reals[0, r + components + 1]
-            if components == 3:
-                ez += whole * reals[0, r + 5]
-        product = dx * ex + dy * ey
-        if components == 3:
-            product += dz * ez
-        for k in range(first):
-            _spread(values, g, reals, weight + (1 + turned) * k, components, turned, ex, ey, ez)
-            g += components
-        for k in range(second):
-            _spread(values, g, reals, w + (1 + turned) * k, components, turned, dx, dy, dz)
-            g += components
-    if kind == PRODUCT:
-        w += (1 + turned) * second
-        for k in range(ints[0, e + SINGLE]):
-            i, a = ints[0, at + first + second + k], whole * reals[0, w + k]
-            product += a * vector[i]
-            values[g + k] = a
-    return product
-
-
-@_part
-def _angular_gradient(vector, whole, cosine, sine, ints, reals, e, values, g):
-    """The same of `ANGLE` and `COUPLE`, with cosine Q − sine P; values from a place g on."""
-    components, first = ints[0, e + COMPONENTS], ints[0, e + FIRST]
-    second, turned = ints[0, e + SECOND], ints[0, e + TURNED]
-    r, weight = ints[0, e + REALS], ints[0, e + WEIGHTS]
-    p, w = r + 2 * components, weight + 2 * first
-    dx, dy, dz = vector.dtype.type(0), vector.dtype.type(0), vector.dtype.type(0)
-    for k in range(first):
-        i = ints[0, e + PLACES + k]
-        a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
-        dx += a * vector[i]
-        dy += a * vector[i + 1]
-        dz += a * vector[i + 2]
-    dx += whole * (cosine * reals[0, r] - sine * reals[0, p])
-    dy += whole * (cosine * reals[0, r + 1] - sine * reals[0, p + 1])
-    ex, ey, ez = _sum(vector, ints, reals, e + PLACES + first, w, second, components, turned)
-    ex += whole * reals[0, r + components]
-    ey += whole * reals[0, r + components + 1]
-    product = dx * ex + dy * ey
-    if components == 3:
-        dz += whole * (cosine * reals[0, r + 2] - sine * reals[0, p + 2])
-        ez += whole * reals[0, r + 5]
-        product += dz * ez
-    for k in range(first):
-        a = cosine * reals[0, weight + 2 * k] - sine * reals[0, weight + 2 * k + 1]
-        values[g], values[g + 1], values[g + 2] = a * ex, a * ey, a * ez
-        g += components
-    for k in range(second):
-        _spread(values, g, reals, w + (1 + turned) * k, components, turned, dx, dy, dz)
-        g += components
+    if axes > 0:
+        s = t = _first(vector, whole, turn, shape, ints, reals, e)
+        if not is_square:
+            constant = ints[0, e + REALS] + turn[0] * sums * axes
+            t = _sums(
+                vector, whole, plain, shape, ints, reals, at + first, second, behind, constant
+            )
+        product = s[0] * t[0] + s[1] * t[1]
+        if axes == 3:
+            product += s[2] * t[2]
+        g = _spread(values, g, turn, shape, reals, first, weight, t)
+        g = _spread(values, g, plain, shape, reals, second, behind, s)
+    for k in range(single):
+        b = whole * reals[0, behind + sums * second + k]
+        product += b * vector[ints[0, at + first + second + k]]
+        values[g + k] = b
     return product
 
 
 @_inline
-def _blocks(x_values, x, reals, weight, other, turned, components, multiplier):
-    """−λ C_kᵀ C_l as values, and where they end: the diagonal, or all four of a turned block."""
-    a, p = reals[0, weight], reals[0, other]
-    if turned != 0:
-        b, q = reals[0, weight + 1], reals[0, other + 1]
-        even = -multiplier * (a * p + b * q)
-        odd = -multiplier * (a * q - b * p)
-        x_values[x], x_values[x + 1] = even, -odd
-        x_values[x + 2], x_values[x + 3] = odd, even
-        x += 4
-    else:
-        tangent = -multiplier * a * p
-        for c in range(components):
-            x_values[x + c] = tangent
-        x += components
-    return x
-
-
-@_once
-def _line(u, ints, reals, e):
-    """L of an element, and L·L."""
-    components, r = ints[0, e + COMPONENTS], ints[0, e + REALS]
-    dx, dy, dz = _sum(
-        u, ints, reals, e + PLACES, ints[0, e + WEIGHTS], ints[0, e + FIRST], components,
-        ints[0, e + TURNED],
-    )  # fmt: skip
-    dx += reals[0, r]
-    dy += reals[0, r + 1]
-    square = dx * dx + dy * dy
-    if components == 3:
-        dz += reals[0, r + 2]
-        square += dz * dz
-    return dx, dy, dz, square
-
-
-@_inline
-def _row(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
-    """Φ = ½ (L·L − c), or L·K + b·u − law(t)."""
-    components, turned = ints[0, e + COMPONENTS], ints[0, e + TURNED]
-    first, second, at = ints[0, e + FIRST], ints[0, e + SECOND], e + PLACES
-    x, weight, row = ints[0, e + X_START], ints[0, e + WEIGHTS], ints[0, e + ROW]
-    law, multiplier = u.dtype.type(0), multipliers[row]
-    if ints[0, e + GIVEN] == LAW:
-        law = _law(t, reals, ints[0, e + PARAMETERS], _VALUE)
-    elif ints[0, e + GIVEN] > 0:
-        law = reals[0, ints[0, e + PARAMETERS]]
-    product = _gradient(u, u.dtype.type(1), ints, reals, e, g_values)
-    g = _push(multiplier, ints, e, force, g_values)
-    is_square = ints[0, e + KIND] == SQUARE
-    phi[row] = u.dtype.type(0.5) * (product - law) if is_square else product - law
-    for k in range(ints[0, e + SINGLE]):
+def _row(law, turn, shape, u, multipliers, ints, reals, e, results):
+    """Φ, G, X and the force of a row; results are force, Φ, and values of X and G."""
+    force, phi, x_values, g_values = results
+    is_square, sums, axes = shape
+    first, second, single = _counts(is_square, turn, ints, e)
+    row, x, g, at = ints[0, e + ROW], ints[0, e + X_START], ints[0, e + G_START], e + PLACES
+    multiplier = multipliers[row]
+    product = _gradient(u, u.dtype.type(1), turn, shape, ints, reals, e, g_values, g) - law
+    phi[row] = u.dtype.type(0.5) * product if is_square else product
+    for k in range(first + second):
+        for c in range(axes):
+            force[ints[0, at + k] + c] += multiplier * g_values[g + c]
+        g += axes
+    for k in range(single):
         force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
-    others, skipped = (first, 0) if is_square else (second, first)
+    # X = −λ (Aᵀ B + Bᵀ A), the same on all axes
+    weight = ints[0, e + WEIGHTS]
+    others, repeats, behind = second, 2 * axes, weight + turn[0] * sums * first
+    if is_square:
+        others, repeats, behind = first, axes, weight
     for k in range(first):
-        w = weight + (1 + turned) * k
+        a = -multiplier * _weight(reals, weight + turn[0] * k, turn)
         for j in range(others):
-            other = weight + (1 + turned) * (skipped + j)
-            x = _blocks(x_values, x, reals, w, other, turned, components, multiplier)
-            if not is_square:
-                x = _blocks(x_values, x, reals, other, w, turned, components, multiplier)
-
-
-@_once
-def _push(multiplier, ints, e, force, g_values):
-    """Add λ times the columns of G of the vectors of a row; where those of coordinates begin."""
-    components, g = ints[0, e + COMPONENTS], ints[0, e + G_START]
-    for k in range(ints[0, e + FIRST] + ints[0, e + SECOND]):
-        i = ints[0, e + PLACES + k]
-        for c in range(components):
-            force[i + c] += multiplier * g_values[g + c]
-        g += components
-    return g
+            tangent = a * reals[0, behind + j]
+            if sums == 2:
+                tangent -= multiplier * reals[0, weight + first + k] * reals[0, behind + others + j]
+            for i in range(repeats):
+                x_values[x + i] = tangent
+            x += repeats
 
 
 @_part
-def _driven(t, u, multipliers, ints, reals, e, force, phi, x_values, g_values):
-    """The row of a driven angle."""
-    components, first, row = ints[0, e + COMPONENTS], ints[0, e + FIRST], ints[0, e + ROW]
-    x, g, weight = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + WEIGHTS]
-    stride = 1 + ints[0, e + TURNED]
-    real, multiplier = u.dtype.type, multipliers[row]
-    angle = _law(t, reals, ints[0, e + PARAMETERS], _VALUE)
-    sine, cosine = sine_cosine(angle, real)
-    phi[row] = _angular_gradient(u, real(1), cosine, sine, ints, reals, e, g_values, g)
-    _push(multiplier, ints, e, force, g_values)
-    for k in range(first):
-        w = weight + 2 * k
-        turning = cosine * reals[0, w] - sine * reals[0, w + 1]
-        for j in range(ints[0, e + SECOND]):
-            tangent = -multiplier * turning * reals[0, weight + 2 * first + stride * j]
-            for c in range(2 * components):
-                x_values[x + c] = tangent
-            x += 2 * components
+def _turned_row(angle, u, multipliers, ints, reals, e, results):
+    """The same of a row that an angle turns."""
+    sine, cosine = sine_cosine(angle, u.dtype.type)
+    turn, zero = (_TURNED, cosine, sine), u.dtype.type(0)
+    _row(zero, turn, _shape(ints, e), u, multipliers, ints, reals, e, results)
 
 
-@_once
-def _line_force(u, v, ints, reals, e, force, x_values, y_values):
-    """A force −tension L with the tangent −L mᵀ − tension, or that of a torque, across L."""
-    kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
-    parameter, weight = ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
-    first, at = ints[0, e + FIRST], e + PLACES
-    real = u.dtype.type
-    one, two = real(1), real(2)
-    dx, dy, dz, square = _line(u, ints, reals, e)
-    damping, tension, mx, my, mz = real(0), real(0), real(0), real(0), real(0)
+@_part
+def _gradient_of(vector, whole, turn, ints, reals, e, values, g):
+    """The `_gradient` of any row, not inlined: that would take long to compile."""
+    return _gradient(vector, whole, turn, _shape(ints, e), ints, reals, e, values, g)
+
+
+@_inline
+def _block(values, at, shape, reals, weight, other, count, tensor):
+    """Aᵀ T A of two terms as values from a place on, T by rows; where they end."""
+    both = reals[0, weight] * reals[0, other]
+    if shape[1] == 2:
+        a, b = reals[0, weight + count], reals[0, other + count]
+        values[at] = (
+            both * tensor[0] + reals[0, weight] * tensor[1] * b
+            + a * tensor[3] * reals[0, other] + a * tensor[4] * b
+        )  # fmt: skip
+        return at + 1
+    values[at], values[at + 1] = both * tensor[0], both * tensor[1]
+    if shape[2] == 2:
+        values[at + 2], values[at + 3] = both * tensor[3], both * tensor[4]
+        return at + 4
+    values[at + 2], values[at + 3] = both * tensor[2], both * tensor[3]
+    values[at + 4], values[at + 5] = both * tensor[4], both * tensor[5]
+    values[at + 6], values[at + 7] = both * tensor[6], both * tensor[7]
+    values[at + 8] = both * tensor[8]
+    return at + 9
+
+
+@_inline
+def _along_line(u, v, ints, reals, e, force, x_values, y_values):
+    """A spring or a damper, whose force is −tension L, or a torque, across L."""
+    kind, shape, real = ints[0, e + KIND], _shape(ints, e), u.dtype.type
+    first, parameter, weight = ints[0, e + FIRST], ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
+    plain = (_PLAIN, real(1), real(0))
+    x, y, z = _first(u, real(1), plain, shape, ints, reals, e)
+    square = x * x + y * y + z * z
+    tension, damping = real(0), reals[0, parameter] / square
+    # The tangent of −F is tension 1 + L mᵀ; that of a torque L mᵀ + m Lᵀ.
     if kind == TORQUE:  # the virtual work of τ through the angle of L
-        torque = reals[0, parameter] / square
-        txx = two * torque * dx * dy / square
-        txy = torque * (dy * dy - dx * dx) / square
-        pull, tangent = (-torque * dy, torque * dx), (txx, txy, txy, -txx)
+        mx, my, mz = -damping * y / square, damping * x / square, real(0)
+    elif kind == SPRING:
+        length = np.sqrt(square)
+        tension = reals[0, parameter] * (real(1) - reals[0, parameter + 1] / length)
+        rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
+        mx, my, mz = rank * x, rank * y, rank * z
     else:
-        if kind == SPRING:
-            length = np.sqrt(square)
-            tension = reals[0, parameter] * (one - reals[0, parameter + 1] / length)
-            rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
-            mx, my, mz = rank * dx, rank * dy, rank * dz
+        wx, wy, wz = _first(v, real(0), plain, shape, ints, reals, e)
+        product = x * wx + y * wy + z * wz
+        tension, twice = damping * product, real(2) * product / square
+        mx, my = damping * (wx - twice * x), damping * (wy - twice * y)
+        mz = damping * (wz - twice * z)
+    pull = (-tension * x, -tension * y, -tension * z)
+    tangent = (
+        x * mx + tension, x * my, x * mz,
+        y * mx, y * my + tension, y * mz,
+        z * mx, z * my, z * mz + tension,
+    )  # fmt: skip
+    if kind == TORQUE:
+        none, bend = real(0), x * my + y * mx
+        pull = (-damping * y, damping * x, none)
+        tangent = (real(2) * x * mx, bend, none, bend, real(2) * y * my, none, none, none, none)
+    rates = (
+        damping * x * x, damping * x * y, damping * x * z,
+        damping * y * x, damping * y * y, damping * y * z,
+        damping * z * x, damping * z * y, damping * z * z,
+    )  # fmt: skip
+    entry, rate_entry = ints[0, e + X_START], ints[0, e + Y_START]
+    for k in range(first):
+        i, w = ints[0, e + PLACES + k], weight + k
+        if shape[1] == 2:
+            force[i] += reals[0, w] * pull[0] + reals[0, w + first] * pull[1]
         else:
-            wx, wy, wz = _sum(v, ints, reals, at, weight, first, components, turned)
-            damping = reals[0, parameter] / square
-            product = dx * wx + dy * wy + dz * wz
-            tension, twice = damping * product, two * product / square
-            mx = damping * (wx - twice * dx)
-            my = damping * (wy - twice * dy)
-            mz = damping * (wz - twice * dz)
-        # In space the compiler drops these, but counts of operations have them.
-        pull, txx, tyy = (-tension * dx, -tension * dy), -tension - mx * dx, -tension - my * dy
-        txy, tyx = -mx * dy, -mx * dy
-        if kind == DAMPER:
-            txy, tyx = -dx * my, -dy * mx
-        tangent = (txx, txy, tyx, tyy)
-    if turned != 0:
-        line = dx, dy
-        _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values, y_values)
-    else:
-        spatial, rank_one = (dx, dy, dz), (mx, my, mz)
-        _spread_plain(ints, reals, e, tension, spatial, rank_one, square, force, x_values, y_values)
-
-
-@_once
-def _spread_turned(ints, reals, e, pull, tangent, line, damping, force, x_values, y_values):
-    """A force on L of the plane, its tangent T, and −damping L Lᵀ, for all terms of L."""
-    first, weight, at = ints[0, e + FIRST], ints[0, e + WEIGHTS], e + PLACES
-    x, y = ints[0, e + X_START], ints[0, e + Y_START]
-    (fx, fy), (txx, txy, tyx, tyy), (dx, dy) = pull, tangent, line
-    for k in range(first):
-        i, a, b = ints[0, at + k], reals[0, weight + 2 * k], reals[0, weight + 2 * k + 1]
-        force[i] += a * fx + b * fy
-        force[i + 1] += a * fy - b * fx
-        # Rows of C_kᵀ T, and C_kᵀ L
-        sxx, sxy = a * txx + b * tyx, a * txy + b * tyy
-        syx, syy = a * tyx - b * txx, a * tyy - b * txy
-        px, py = a * dx + b * dy, a * dy - b * dx
+            force[i] += reals[0, w] * pull[0]
+            force[i + 1] += reals[0, w] * pull[1]
+            if shape[2] == 3:
+                force[i + 2] += reals[0, w] * pull[2]
         for j in range(first):
-            a, b = reals[0, weight + 2 * j], reals[0, weight + 2 * j + 1]
-            x_values[x] = -(sxx * a + sxy * b)
-            x_values[x + 1] = -(sxy * a - sxx * b)
-            x_values[x + 2] = -(syx * a + syy * b)
-            x_values[x + 3] = -(syy * a - syx * b)
-            x += 4
-            if ints[0, e + KIND] == DAMPER:
-                qx, qy = a * dx + b * dy, a * dy - b * dx
-                y_values[y] = damping * px * qx
-                y_values[y + 1] = damping * px * qy
-                y_values[y + 2] = damping * py * qx
-                y_values[y + 3] = damping * py * qy
-                y += 4
-
-
-@_once
-def _spread_plain(ints, reals, e, tension, line, rank_one, square, force, x_values, y_values):
-    """The force −tension L in space, and its tangents, for all terms of L."""
-    first, weight, at = ints[0, e + FIRST], ints[0, e + WEIGHTS], e + PLACES
-    x, y = ints[0, e + X_START], ints[0, e + Y_START]
-    (dx, dy, dz), (mx, my, mz) = line, rank_one
-    for k in range(first):
-        i, a = ints[0, at + k], reals[0, weight + k]
-        force[i] -= a * tension * dx
-        force[i + 1] -= a * tension * dy
-        force[i + 2] -= a * tension * dz
-        for j in range(first):
-            both = a * reals[0, weight + j]
-            x_values[x] = both * (dx * mx + tension)
-            x_values[x + 1], x_values[x + 2] = both * dx * my, both * dx * mz
-            x_values[x + 3], x_values[x + 5] = both * dy * mx, both * dy * mz
-            x_values[x + 4] = both * (dy * my + tension)
-            x_values[x + 6], x_values[x + 7] = both * dz * mx, both * dz * my
-            x_values[x + 8] = both * (dz * mz + tension)
-            x += 9
-            if ints[0, e + KIND] == DAMPER:
-                both = both * reals[0, ints[0, e + PARAMETERS]] / square
-                y_values[y] = both * dx * dx
-                y_values[y + 1], y_values[y + 2] = both * dx * dy, both * dx * dz
-                y_values[y + 3], y_values[y + 5] = both * dy * dx, both * dy * dz
-                y_values[y + 4] = both * dy * dy
-                y_values[y + 6], y_values[y + 7] = both * dz * dx, both * dz * dy
-                y_values[y + 8] = both * dz * dz
-                y += 9
+            entry = _block(x_values, entry, shape, reals, w, weight + j, first, tangent)
+            if kind == DAMPER:
+                rate_entry = _block(y_values, rate_entry, shape, reals, w, weight + j, first, rates)
 
 
 @_compile
@@ -423,72 +334,62 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
     """
     force[:] = 0
     # Constants in the precision of the state: others would raise that of their terms.
-    zero, half = u.dtype.type(0), u.dtype.type(0.5)
+    zero, one = u.dtype.type(0), u.dtype.type(1)
+    results = (force, phi, x_values, g_values)
     e = np.int64(0)  # a literal would compile what it is handed to once more
     while e < ints.shape[1]:
-        kind, parameter, begin, at = ints[0, e + KIND], ints[0, e + PARAMETERS], e, e + PLACES
-        if kind == LINK:
-            r, weight, first = ints[0, e + REALS], ints[0, e + WEIGHTS], ints[0, e + FIRST]
-            x, g, row = ints[0, e + X_START], ints[0, e + G_START], ints[0, e + ROW]
-            e = at + first
-            multiplier, dx, dy = multipliers[row], zero, zero
-            for k in range(first):
-                i, a = ints[0, at + k], reals[0, weight + k]
-                px, py = a * u[i], a * u[i + 1]
-                dx, dy = (px, py) if k == 0 else (dx + px, dy + py)
-            dx += reals[0, r]
-            dy += reals[0, r + 1]
-            phi[row] = half * (dx * dx + dy * dy - reals[0, parameter])
-            for k in range(first):
-                i, a = ints[0, at + k], reals[0, weight + k]
-                g_values[g + 2 * k] = a * dx
-                g_values[g + 2 * k + 1] = a * dy
-                force[i] += multiplier * a * dx
-                force[i + 1] += multiplier * a * dy
-                for j in range(first):
-                    tangent = -multiplier * a * reals[0, weight + j]
-                    x_values[x] = tangent
-                    x_values[x + 1] = tangent
-                    x += 2
-            continue
+        kind, parameter, begin = ints[0, e + KIND], ints[0, e + PARAMETERS], e
         e += ints[0, e + SIZE]
-        if kind == LOAD:
-            for c in range(ints[0, begin + COMPONENTS]):
-                force[ints[0, at] + c] += reals[0, parameter + c]
-        elif kind in (SQUARE, PRODUCT):
-            _row(t, u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
+        if kind in QUADRATIC:
+            turn, shape = (_PLAIN, one, zero), _shape(ints, begin)
+            if shape == _BAR:  # the commonest row of the plane: code of its own
+                law = reals[0, parameter]
+                _row(law, turn, _BAR, u, multipliers, ints, reals, begin, results)
+                continue
+            law = zero
+            if ints[0, begin + GIVEN] == LAW:
+                law = _law(t, reals, parameter, _VALUE)
+            elif ints[0, begin + GIVEN] > 0:
+                law = reals[0, parameter]
+            _row(law, turn, shape, u, multipliers, ints, reals, begin, results)
+        elif kind == LOAD:
+            for c in range(ints[0, begin + AXES]):
+                force[ints[0, begin + PLACES] + c] += reals[0, parameter + c]
         elif kind == ANGLE:
-            _driven(t, u, multipliers, ints, reals, begin, force, phi, x_values, g_values)
+            angle = _law(t, reals, parameter, _VALUE)
+            _turned_row(angle, u, multipliers, ints, reals, begin, results)
         elif kind in (SPRING, DAMPER, TORQUE):
-            _line_force(u, v, ints, reals, begin, force, x_values, y_values)
+            _along_line(u, v, ints, reals, begin, force, x_values, y_values)
 
 
 @_part
 def _along(vector, ints, reals, e, columns):
-    """The columns (k,) of G of the vectors of the row at e, times a vector (n,)."""
-    total, components = vector.dtype.type(0), ints[0, e + COMPONENTS]
+    """The columns (k,) of G of s and t of the row at e, times a vector (n,)."""
+    axes, total = ints[0, e + AXES], vector.dtype.type(0)
     for k in range(columns.shape[0]):
-        place = ints[0, e + PLACES + k // components]
-        total += columns[k] * vector[place + k % components]
+        total += columns[k] * vector[ints[0, e + PLACES + k // axes] + k % axes]
     return total
 
 
 @_part
-def _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values):
+def _couple(u, multipliers, ints, reals, e, results):
     """The angle of a vector as a coordinate."""
-    one, g, x = u.dtype.type(1), ints[0, e + G_START], ints[0, e + X_START]
-    entries = 2 * ints[0, e + SECOND]
+    force, phi, x_values, g_values = results
+    x, g, entries = (
+        ints[0, e + X_START],
+        ints[0, e + G_START],
+        ints[0, e + AXES] * ints[0, e + SECOND],
+    )
     place, row = ints[0, e + PLACES + ints[0, e + SECOND]], ints[0, e + ROW]
-    multiplier = multipliers[row]
     sine, cosine = sine_cosine(u[place], u.dtype.type)
-    turned = _angular_gradient(u, one, -sine, cosine, ints, reals, e, g_values, g)
+    further = (_TURNED, -sine, cosine)
+    turned = _gradient_of(u, u.dtype.type(1), further, ints, reals, e, g_values, g)
     for k in range(entries):  # in row and column of the angle
-        x_values[x + 2 * k] = x_values[x + 2 * k + 1] = -multiplier * g_values[g + k]
-    phi[row] = _angular_gradient(u, one, cosine, sine, ints, reals, e, g_values, g)
-    _push(multiplier, ints, e, force, g_values)
+        x_values[x + 2 * k] = x_values[x + 2 * k + 1] = -multipliers[row] * g_values[g + k]
+    _turned_row(u[place], u, multipliers, ints, reals, e, results)
     g_values[g + entries] = turned
-    force[place] += multiplier * turned
-    x_values[x + 2 * entries] = multiplier * phi[row]
+    force[place] += multipliers[row] * turned
+    x_values[x + 2 * entries] = multipliers[row] * phi[row]
 
 
 @_part
@@ -544,49 +445,30 @@ def _moment(u, ints, reals, e, force, x_values):
 
 
 @_part_allocating
-def _angle(u, ints, reals, e):
-    """Sine and cosine of the angle of a hinge, times what they have in common; Q, P and K."""
-    first, components = ints[0, e + FIRST], ints[0, e + COMPONENTS]
-    r, w = ints[0, e + REALS], ints[0, e + WEIGHTS]
-    q, b, p = np.empty(3, u.dtype), np.empty(3, u.dtype), np.empty(3, u.dtype)
-    sine, cosine = u.dtype.type(0), u.dtype.type(0)
-    for c in range(components):
-        q[c], b[c], p[c] = reals[0, r + c], reals[0, r + 3 + c], reals[0, r + 6 + c]
-        for k in range(first):
-            i = ints[0, e + PLACES + k]
-            q[c] += reals[0, w + 2 * k] * u[i + c]
-            p[c] += reals[0, w + 2 * k + 1] * u[i + c]
-        for k in range(ints[0, e + SECOND]):
-            b[c] += reals[0, w + 2 * first + k] * u[ints[0, e + PLACES + first + k] + c]
-        sine += q[c] * b[c]
-        cosine += p[c] * b[c]
-    return sine, cosine, q, p, b
+def _angle(u, ints, reals, e, of_sine, of_cosine):
+    """Sine and cosine of a hinge's angle, times what they have in common, and their gradients."""
+    one, zero, begin = u.dtype.type(1), u.dtype.type(0), np.int64(0)
+    sine = _gradient_of(u, one, (_TURNED, one, zero), ints, reals, e, of_sine, begin)
+    cosine = _gradient_of(u, one, (_TURNED, zero, -one), ints, reals, e, of_cosine, begin)
+    return sine, cosine
 
 
 @_part_allocating
 def _hinge(u, v, ints, reals, e, force, x_values, y_values):
     """A hinge: the force Q g on both bodies, g = ∂φ/∂u, and its tangents."""
-    two = u.dtype.type(2)
-    first, weight = ints[0, e + FIRST], ints[0, e + WEIGHTS]
-    count = first + ints[0, e + SECOND]
-    sine, cosine, q, p, b = _angle(u, ints, reals, e)
+    two, weight, at = u.dtype.type(2), ints[0, e + WEIGHTS], e + PLACES
+    first, x, y = ints[0, e + FIRST], ints[0, e + X_START], ints[0, e + Y_START]
+    axes = ints[0, e + AXES]
+    size = axes * (first + ints[0, e + SECOND])
+    of_sine, of_cosine = np.empty(size, u.dtype), np.empty(size, u.dtype)
+    sine, cosine = _angle(u, ints, reals, e, of_sine, of_cosine)
     square = sine * sine + cosine * cosine
-    of_sine, of_cosine = np.empty((count, 3), u.dtype), np.empty((count, 3), u.dtype)
-    g, turned = np.empty((count, 3), u.dtype), np.zeros((count, 3), u.dtype)
-    rate = u.dtype.type(0)
-    for k in range(count):
-        for c in range(3):
-            if k < first:
-                of_sine[k, c] = reals[0, weight + 2 * k] * b[c]
-                of_cosine[k, c] = reals[0, weight + 2 * k + 1] * b[c]
-            else:
-                of_sine[k, c] = reals[0, weight + first + k] * q[c]
-                of_cosine[k, c] = reals[0, weight + first + k] * p[c]
-            g[k, c] = (cosine * of_sine[k, c] - sine * of_cosine[k, c]) / square
-            rate += g[k, c] * v[ints[0, e + PLACES + k] + c]
-    parameter = ints[0, e + PARAMETERS]
+    g, turned = np.empty(size, u.dtype), np.zeros(size, u.dtype)
+    for i in range(size):
+        g[i] = (cosine * of_sine[i] - sine * of_cosine[i]) / square
+    parameter, turn = ints[0, e + PARAMETERS], (_TURNED, cosine, sine)
     stiffness, damping = reals[0, parameter + 1], reals[0, parameter + 3]
-    torque = reals[0, parameter] - damping * rate
+    torque = reals[0, parameter] - damping * _along(v, ints, reals, e, g)
     if stiffness != 0:
         angle = np.arctan2(sine.real, cosine.real)
         if np.abs(angle) > np.pi - _WOUND:
@@ -597,36 +479,26 @@ def _hinge(u, v, ints, reals, e, force, x_values, y_values):
         )
         angle = u.dtype.type(angle) + (small - small.real)
         torque = torque - stiffness * (angle - reals[0, parameter + 2])
-    hessian = np.empty((count, 3, count, 3), u.dtype)
-    for k in range(count):
-        for j in range(count):
-            mixed = u.dtype.type(0)
-            if (k < first) != (j < first):
-                of_first, other = 2 * min(k, j), reals[0, weight + first + max(k, j)]
-                mixed = other * (
-                    cosine * reals[0, weight + of_first] - sine * reals[0, weight + of_first + 1]
-                )
-            for c in range(3):
-                for d in range(3):
-                    entry = of_sine[k, c] * of_cosine[j, d] - of_cosine[k, c] * of_sine[j, d]
-                    if c == d:
-                        entry += mixed
-                    along = cosine * of_cosine[j, d] + sine * of_sine[j, d]
-                    hessian[k, c, j, d] = (entry - two * g[k, c] * along) / square
-                    turned[k, c] += hessian[k, c, j, d] * v[ints[0, e + PLACES + j] + d]
-    x, y = ints[0, e + X_START], ints[0, e + Y_START]
-    for k in range(count):
-        i = ints[0, e + PLACES + k]
-        for c in range(3):
-            force[i + c] += torque * g[k, c]
-        for j in range(count):
-            for c in range(3):
-                for d in range(3):
-                    change = stiffness * g[j, d] + damping * turned[j, d]
-                    x_values[x] = g[k, c] * change - torque * hessian[k, c, j, d]
-                    y_values[y] = damping * g[k, c] * g[j, d]
-                    x += 1
-                    y += 1
+    for i in range(size):
+        k = i // axes
+        force[ints[0, at + k] + i % axes] += torque * g[i]
+        for j in range(size):
+            # Second derivatives of φ, where the values of X will be.
+            entry = of_sine[i] * of_cosine[j] - of_cosine[i] * of_sine[j]
+            low, high = min(k, j // axes), max(k, j // axes)
+            if i % axes == j % axes and low < first <= high:
+                # Terms of s have two weights each, those of t behind them one.
+                entry += reals[0, weight + first + high] * _weight(reals, weight + 2 * low, turn)
+            along = cosine * of_cosine[j] + sine * of_sine[j]
+            entry = (entry - two * g[i] * along) / square
+            x_values[x + size * i + j] = entry
+            turned[i] += entry * v[ints[0, at + j // axes] + j % axes]
+    for i in range(size):
+        for j in range(size):
+            change = stiffness * g[j] + damping * turned[j]
+            x_values[x + j] = g[i] * change - torque * x_values[x + j]
+            y_values[y + j] = damping * g[i] * g[j]
+        x, y = x + size, y + size
 
 
 @_part_allocating
@@ -638,15 +510,12 @@ def _accumulate_further(
     while e < ints.shape[1]:
         kind = ints[0, e + KIND]
         if kind == COUPLE:
-            _couple(u, multipliers, ints, reals, e, force, phi, x_values, g_values)
+            results = (force, phi, x_values, g_values)
+            _couple(u, multipliers, ints, reals, e, results)
         elif kind == FORCE:
-            p, w = ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
-            law = _law(t, reals, p + 2, _VALUE)
-            fx, fy = reals[0, p] * law, reals[0, p + 1] * law
-            for k in range(ints[0, e + FIRST]):
-                i, a, b = ints[0, e + PLACES + k], reals[0, w + 2 * k], reals[0, w + 2 * k + 1]
-                force[i] += a * fx + b * fy
-                force[i + 1] += a * fy - b * fx
+            w, law = ints[0, e + WEIGHTS], _law(t, reals, ints[0, e + PARAMETERS], _VALUE)
+            for k in range(ints[0, e + SINGLE]):
+                force[ints[0, e + PLACES + k]] += reals[0, w + k] * law
         elif kind == TWIST:
             _twist(u, v, ints, reals, e, force, x_values, y_values)
         elif kind in (MOMENT, FOLLOWER):
@@ -689,16 +558,17 @@ def constraint_derivatives(
         acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
     """
     zero, two, e = u.dtype.type(0), u.dtype.type(2), np.int64(0)
+    turn = (_PLAIN, zero, zero)
     while e < ints.shape[1]:
         kind, row, begin = ints[0, e + KIND], ints[0, e + ROW], e
         e += ints[0, e + SIZE]
         if kind in QUADRATIC:
             # Φ'' and the tangents are Φ and G of v and w.
-            product = zero
+            g, product = ints[0, begin + G_START], zero
             for k in range(2):
                 vector, values = (w, acceleration_values) if k == 0 else (v, rate_values)
-                product = _gradient(vector, zero, ints, reals, begin, values)
-            rate[row], curvature[row] = zero, product if kind != PRODUCT else two * product
+                product = _gradient_of(vector, zero, turn, ints, reals, begin, values, g)
+            rate[row], curvature[row] = zero, product if kind == SQUARE else two * product
             if ints[0, begin + GIVEN] == LAW:
                 parameters = ints[0, begin + PARAMETERS]
                 rate[row] = -_law(t, reals, parameters, _RATE)
@@ -710,15 +580,16 @@ def _turn(u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rates, 
     """A row of an angle with its rates: N = cos θ Q − sin θ P, N' and N''."""
     one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
     row, g = ints[0, e + ROW], ints[0, e + G_START]
-    size = ints[0, e + COMPONENTS] * (ints[0, e + FIRST] + ints[0, e + SECOND])
+    size = ints[0, e + AXES] * (ints[0, e + FIRST] + ints[0, e + SECOND])
     sine, cosine = sine_cosine(angle, u.dtype.type)
     # N at w and v, N' and N'' at u, N' at v.
     columns, products = np.empty((5, size), u.dtype), np.empty(5, u.dtype)
     vectors, wholes = (w, v, u, u, v), (zero, zero, one, one, zero)
     cosines, sines = (cosine, cosine, -sine, -cosine, -sine), (sine, sine, cosine, -sine, cosine)
     for k in range(5):
-        products[k] = _angular_gradient(
-            vectors[k], wholes[k], cosines[k], sines[k], ints, reals, e, columns[k], np.int64(0)
+        sides = (_TURNED, cosines[k], sines[k])
+        products[k] = _gradient_of(
+            vectors[k], wholes[k], sides, ints, reals, e, columns[k], np.int64(0)
         )
     by_angle, again, turned = products[2], products[3], products[4]
     mixed, bent = _along(v, ints, reals, e, columns[2]), _along(v, ints, reals, e, columns[3])
@@ -791,32 +662,35 @@ def potential(t, u, v, ints, reals):
     """
     energy, e = 0.0, np.int64(0)
     while e < ints.shape[1]:
-        kind, components, turned = ints[0, e + KIND], ints[0, e + COMPONENTS], ints[0, e + TURNED]
-        r, p, at = ints[0, e + REALS], ints[0, e + PARAMETERS], e + PLACES
-        weight, count = ints[0, e + WEIGHTS], ints[0, e + FIRST]
+        kind, p, at, weight = (
+            ints[0, e + KIND],
+            ints[0, e + PARAMETERS],
+            e + PLACES,
+            ints[0, e + WEIGHTS],
+        )
         if kind == LOAD:
             work = 0.0
-            for c in range(components):
+            for c in range(ints[0, e + AXES]):
                 work += reals[0, p + c] * u[ints[0, at] + c]
             energy -= work
-        elif kind in (SPRING, FORCE):
-            x, y, z = _sum(u, ints, reals, at, weight, count, components, turned)
-            if kind == SPRING:
-                x += reals[0, r]
-                y += reals[0, r + 1]
-                if components == 3:
-                    z += reals[0, r + 2]
-                stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
-                energy += reals[0, p] * stretch * stretch / 2
-            else:
-                energy -= (reals[0, p] * x + reals[0, p + 1] * y) * _law(t, reals, p + 2, _VALUE)
+        elif kind == SPRING:
+            x, y, z = _first(u, 1.0, (_PLAIN, 1.0, 0.0), _shape(ints, e), ints, reals, e)
+            stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
+            energy += reals[0, p] * stretch * stretch / 2
+        elif kind == FORCE:
+            work = 0.0
+            for k in range(ints[0, e + SINGLE]):
+                work += reals[0, weight + k] * u[ints[0, at + k]]
+            energy -= work * _law(t, reals, p, _VALUE)
         elif kind == TWIST:
             wound = -reals[0, p]
             for k in range(ints[0, e + SINGLE]):
                 wound += reals[0, weight + k] * u[ints[0, at + k]]
             energy += reals[0, p + 1] * wound * wound / 2
         elif kind == HINGE:
-            sine, cosine, _q, _p, _b = _angle(u, ints, reals, e)
+            size = ints[0, e + AXES] * (ints[0, e + FIRST] + ints[0, e + SECOND])
+            gradients = np.empty((2, size))
+            sine, cosine = _angle(u, ints, reals, e, gradients[0], gradients[1])
             wound = np.arctan2(sine, cosine) - reals[0, p + 2]
             energy += reals[0, p + 1] * wound * wound / 2
         e += ints[0, e + SIZE]

@@ -39,7 +39,7 @@ from newmark_cli.mechanisms.models import (
     TorsionSpring,
     driven,
 )
-from newmark_cli.mechanisms.table import Group, Shape
+from newmark_cli.mechanisms.table import Group, Shape, Term
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Push
 from newmark_cli.support.arrays import Array, IndexArray
@@ -73,7 +73,6 @@ class Builder(builder.Builder):
         "rolling", "python_forces",
     )  # fmt: skip
     components = 2
-    turned = True
     mechanism: Mechanism
 
     def prepare(self) -> None:
@@ -116,7 +115,7 @@ class Builder(builder.Builder):
             here = np.flatnonzero((move[0] == moving[0]) & (move[1] == moving[1]))
             places = 2 * np.stack([starts, ends])[moving][:, here].T
             weights = np.tile(np.array([-1.0, 1.0])[moving], (len(here), 1))
-            shape = Shape(elements.LINK, 2, False, 2, 1, sum(moving), 0, 0)
+            shape = Shape(elements.SQUARE, 1, 2, 2, 1, sum(moving), 0, 0)
             reals = np.hstack([constants[here], weights])
             groups.append(Group(shape, here, first + here, places, reals))
         self.elements.add_arrays(groups)
@@ -312,12 +311,9 @@ class Builder(builder.Builder):
     def distance(self, start: str, end: str, length: float, path: KeyPath) -> float:
         """Add the constraint that two points keep a distance; returns how far they start off it."""
         difference = self.difference(start, end, path)
-        turned = any(complex(weight).imag != 0 for weight in difference.values())
-        row, between = self.one_row(path), self.combination(difference)
+        row = self.one_row(path)
         self.squares[row] = length * length
-        if not turned:
-            between = Sum(between.constant, [(place, weight) for place, weight, _ in between.terms])
-        self.add("SQUARE" if turned else "LINK", between, row=row, parameters=(length * length,))
+        self.add("SQUARE", self.combination(difference), row=row, parameters=(length * length,))
         return abs(self.vector(difference)) - length
 
     def line(
@@ -325,21 +321,26 @@ class Builder(builder.Builder):
         law: Law | None = None,
     ) -> None:  # fmt: skip
         """Add the constraint n·P − law(t) = 0, of a site P that is linear in the coordinates."""
+        offset, single = self.component(site, normal)
+        first, *others = parameters
+        parameters = (first - offset, *others)
+        self.add("PRODUCT", row=self.one_row(path), single=single, parameters=parameters, law=law)
+
+    def component(self, site: Weights, normal: complex) -> tuple[float, list[Term]]:
+        """n·P of a site P: what is constant of it, and its terms."""
         constants, terms = self.combination(site)
         nx, ny = normal.real, normal.imag
-        first, *others = parameters
         single = [
             term
             for place, a, b in terms
             for term in ((place, a * nx + b * ny), (place + 1, a * ny - b * nx))
         ]
-        offset = nx * constants[0] + ny * constants[1]
-        parameters = (first - offset, *others)
-        self.add("PRODUCT", row=self.one_row(path), single=single, parameters=parameters, law=law)
+        return nx * constants[0] + ny * constants[1], single
 
     def angular(self, kind: str, difference: Weights, path: KeyPath, **arguments: Any) -> None:
         """Add the constraint n·Δ = 0, n = (−sin θ, cos θ)."""
-        sums = Sum([0.0, 1.0], ()), self.combination(difference), Sum([1.0, 0.0], ())
+        # (0, 1) and (1, 0) turn into n, number by number.
+        sums = Sum([0.0, 1.0, 1.0, 0.0], ()), self.combination(difference)
         self.add(kind, *sums, row=self.one_row(path), **arguments)
 
     def pair(
@@ -480,13 +481,12 @@ class Builder(builder.Builder):
 
     def _forces(self, force: Force, path: KeyPath) -> None:
         """A force F(t) at a point."""
-        site = self.combination(self.moving_site(force.at, (*path, "at")))
-        for amount, normal in zip(force.force, ((1.0, 0.0), (0.0, 1.0)), strict=True):
+        site = self.moving_site(force.at, (*path, "at"))
+        for amount, normal in zip(force.force, (1 + 0j, 1j), strict=True):
             if amount != 0:
                 law = amount if isinstance(amount, Law) else Law(value=amount)
-                six = law.parameters()
-                timed = (laws.Timed(law, six),)
-                self.add("FORCE", site, parameters=(*normal, *six), timed=timed)
+                _, single = self.component(site, normal)
+                self.add("FORCE", single=single, parameters=law.parameters(), law=law)
 
     def _twist(self, angles: Angles, rest: float, stiffness: float, damping: float) -> None:
         """Add a torque −stiffness (q − rest) − damping q' of q = Σ w θ."""

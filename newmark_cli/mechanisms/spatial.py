@@ -136,8 +136,8 @@ class Builder(builder.Builder):
         groups = []
         for k, (i, j) in enumerate(DIRECTORS):
             # A square has three constants, its value and a weight, a product twice three and two.
-            square = Shape(elements.SQUARE, 3, False, 3, 1, 1, 0, 0), [i], [0, 0, 0, 1, 1]
-            dot = Shape(elements.PRODUCT, 3, False, 6, 0, 1, 1, 0), [i, j], [*[0] * 6, 1, 1]
+            square = Shape(elements.SQUARE, 1, 3, 3, 1, 1, 0, 0), [i], [0, 0, 0, 1, 1]
+            dot = Shape(elements.PRODUCT, 1, 3, 6, 0, 1, 1, 0), [i, j], [*[0] * 6, 1, 1]
             shape, terms, reals = square if i == j else dot
             places = first + 3 * np.array(terms)
             groups.append(Group(shape, rows + k, rows + k, places, np.tile(reals, (len(each), 1))))
@@ -399,7 +399,8 @@ class Builder(builder.Builder):
         of_p: dict[int, float] = dict(p.terms)
         places = sorted(of_q.keys() | of_p.keys())
         first = [(place, of_q.get(place, 0.0), of_p.get(place, 0.0)) for place in places]
-        self.add(kind, Sum(q.constant, first), other, Sum(p.constant, ()), **arguments)
+        constants = np.stack([q.constant, p.constant], axis=1).ravel()
+        self.add(kind, Sum(constants, first), other, **arguments)
 
     def _hinge(
         self, name: str, parameters: Sequence[float], path: KeyPath,

@@ -16,10 +16,8 @@ from newmark_cli.mechanisms import elements, laws
 from newmark_cli.problems.problem import Pattern
 from newmark_cli.support.arrays import Array, IndexArray
 
-#: Place in u of a vector, and its weights; of a single coordinate, and its weight.
+#: Place in u of a vector or a coordinate, and its weight; a and b of a turned one, a + bR.
 Term = tuple[Any, ...]
-
-
 #: Of elements of one shape, one after the other.
 _Columns = tuple["array[int]", "array[int]", "array[int]", "array[float]"]
 #: A place in the values of a matrix: term of the row and a coordinate of it, and of the column.
@@ -31,34 +29,39 @@ class Shape(NamedTuple):
 
     Attributes:
         kind: One of the kinds of `elements`.
-        components: Of their vectors; 0 where they have single coordinates only.
-        turned: Whether weights are a and b of a + bR.
-        constants: Numbers that are constant of their combinations.
+        sums: How many have weights of their own.
+        axes: On how many axes each is repeated; 0 without any.
+        constants: Numbers that are constant of the sums.
         parameters: Numbers of parameters of their kind.
         first, second, single: Numbers of terms.
     """
 
     kind: int
-    components: int
-    turned: bool
+    sums: int
+    axes: int
     constants: int
     parameters: int
     first: int
     second: int
     single: int
 
+    @property
+    def _slots(self) -> list[tuple[int, int]]:
+        """Terms and axes of the sums, in the order of their gradient."""
+        return [(i, c) for i in range(self.first + self.second) for c in range(self.axes)]
+
     def x_entries(self) -> list[_Entry]:
         """Places of the values of X, in the order in which the loop writes them."""
-        kind, vectors, axes = self.kind, range(self.first + self.second), range(self.components)
-        every = [(c, d) for c in axes for d in axes]
-        block = every if self.turned else [(c, c) for c in axes]
+        kind, terms, axes = self.kind, range(self.first + self.second), range(self.axes)
         if kind in (elements.PRODUCT, elements.ANGLE):
-            pairs = [(i, j) for i in vectors[: self.first] for j in vectors[self.first :]]
-            return [(a, c, b, d) for i, j in pairs for a, b in ((i, j), (j, i)) for c, d in block]
-        if kind in (elements.LINK, elements.SQUARE):
-            return [(i, c, j, d) for i in vectors for j in vectors for c, d in block]
-        if kind in (elements.SPRING, elements.DAMPER, elements.TORQUE, elements.HINGE):
-            return [(i, c, j, d) for i in vectors for j in vectors for c, d in every]
+            pairs = [(i, j) for i in terms[: self.first] for j in terms[self.first :]]
+            return [(a, c, b, c) for i, j in pairs for a, b in ((i, j), (j, i)) for c in axes]
+        if kind == elements.SQUARE:
+            return [(i, c, j, c) for i in terms for j in terms for c in axes]
+        if kind in (elements.SPRING, elements.DAMPER, elements.TORQUE):
+            return [(i, c, j, d) for i in terms for j in terms for c in axes for d in axes]
+        if kind == elements.HINGE:
+            return [(*row, *column) for row in self._slots for column in self._slots]
         return self._rare_entries()
 
     def _rare_entries(self) -> list[_Entry]:
@@ -66,10 +69,9 @@ class Shape(NamedTuple):
         if self.kind == elements.TWIST:
             return [(i, 0, j, 0) for i in range(self.single) for j in range(self.single)]
         if self.kind == elements.COUPLE:
-            angle = self.second
-            sides = [(i, c) for i in range(angle) for c in range(self.components)]
-            both = [entry for i, c in sides for entry in ((i, c, angle, 0), (angle, 0, i, c))]
-            return [*both, (angle, 0, angle, 0)]
+            angle = (self.second, 0)
+            both = [pair for slot in self._slots for pair in ((*slot, *angle), (*angle, *slot))]
+            return [*both, (*angle, *angle)]
         if self.kind not in (elements.MOMENT, elements.FOLLOWER):
             return []
         crossed = [(c + a, c + b) for c in range(3) for a, b in ((1, 2), (2, 1))]
@@ -86,9 +88,8 @@ class Shape(NamedTuple):
         """Terms and coordinates of the values of G."""
         if self.kind not in elements.CONSTRAINTS:
             return []
-        vectors = self.first + self.second
-        of_vectors = [(i, c) for i in range(vectors) for c in range(self.components)]
-        return of_vectors + [(vectors + i, 0) for i in range(self.single)]
+        behind = self.first + self.second
+        return self._slots + [(behind + i, 0) for i in range(self.single)]
 
 
 class Group(NamedTuple):
@@ -169,18 +170,15 @@ class ElementList:
         )
 
     def add(
-        self, shape: Shape, row: int, constants: Iterable[float], parameters: Iterable[float],
-        terms: Sequence[Term], timed: Iterable[laws.Timed],
+        self, shape: Shape, row: int, places: Iterable[int], reals: Iterable[float],
+        timed: Iterable[laws.Timed],
     ) -> None:  # fmt: skip
         """Add an element, with its constraint or −1, and laws of time that act on it."""
-        numbers, rows, places, reals = self._columns[shape]
+        numbers, rows, all_places, all_reals = self._columns[shape]
         numbers.append(self._size)
         rows.append(row)
-        places.extend([term[0] for term in terms])
-        reals.extend(constants)
-        reals.extend(parameters)
-        for term in terms:
-            reals.extend(term[1:])
+        all_places.extend(places)
+        all_reals.extend(reals)
         self.timed += [(self._size, law) for law in timed]
         self._size += 1
 
@@ -244,7 +242,7 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
         driven_at[numbers] = parameters + shape.parameters - elements.LAW
         header = [
             shape.kind, sizes[0, numbers], at[1], parameters, parameters + shape.parameters, rows,
-            *at[2:], shape.components, shape.turned, shape.parameters, shape.first, shape.second,
+            *at[2:], shape.sums, shape.axes, shape.parameters, shape.first, shape.second,
             shape.single,
         ]  # fmt: skip
         for column, value in enumerate(header):
@@ -285,5 +283,5 @@ def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray)
 def loads(numbers: IndexArray, places: IndexArray, forces: Array) -> Group:
     """Constant forces (k, components) (N) on the vectors at these places in u."""
     components = forces.shape[1]
-    shape = Shape(elements.LOAD, components, False, 0, components, 1, 0, 0)
+    shape = Shape(elements.LOAD, 1, components, 0, components, 1, 0, 0)
     return Group(shape, numbers, np.full(len(numbers), -1), places[:, None], forces)
