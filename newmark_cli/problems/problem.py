@@ -317,21 +317,17 @@ class Problem:
             digest.update(np.ascontiguousarray(array).tobytes())
         return digest.hexdigest()
 
-    def constraint_rows(
-        self, t: float, u: Array, v: Array, w: Array, dtype: type[Any] = np.float64
-    ) -> ConstraintRows:
+    def constraint_rows(self, t: float, u: Array, v: Array, w: Array) -> ConstraintRows:
         """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ w, and the tangents of both to u.
 
         Args:
             t: Time (s).
             u, v, w: (n,) coordinates, velocities and accelerations.
-            dtype: Type of all numbers, in which they are computed.
         """
         entries = len(self.pattern.g_rows)
         sizes = (self.m, self.m, entries, entries)
-        rows = ConstraintRows(*(np.zeros(size, dtype) for size in sizes))
-        reals = self.reals.astype(dtype, copy=False)
-        self.derivatives(*_plain(dtype, t, u, v, w), self.ints, reals, *rows)
+        rows = ConstraintRows(*(np.zeros(size) for size in sizes))
+        self.derivatives(*_plain(np.float64, t, u, v, w), self.ints, self.reals, *rows)
         return rows
 
     def constraint_derivatives(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
