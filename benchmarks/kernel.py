@@ -38,7 +38,7 @@ BETA, GAMMA = 0.25, 0.5
 AT_MOST = {
     ("kernel", "C"): 0.85,
     ("static", "C"): 0.85,
-    ("static", "C static"): 1.2,
+    ("static", "C static"): 2.0,
     ("static compensated", "static"): 1.3,
     ("compensated", "kernel"): 1.5,
 }
