@@ -141,13 +141,9 @@ class Builder(builder.Builder):
 
     def _mass_blocks(self) -> tuple[IndexArray, IndexArray, Array, Array]:
         """Places in u of the 2×2 blocks a + bR of M, −1 for a fixed point's columns, a and b."""
-        bodies = self.mechanism.bodies
-        starts, ends = (
-            np.array([self.moving.get(point, -1) for point in points], np.int64)
-            for points in (
-                [body.from_ for body in bodies.values()], [body.to for body in bodies.values()],
-            )
-        )  # fmt: skip
+        moving, bodies = self.moving, self.mechanism.bodies
+        joined = [[moving.get(end, -1) for end in (of.from_, of.to)] for of in bodies.values()]
+        starts, ends = np.array(joined, np.int64).reshape(-1, 2).T
         numbers = [
             (*body.centre, math.hypot(*body.centre), body.mass, body.length, body.inertia)
             for body in bodies.values()
@@ -161,15 +157,12 @@ class Builder(builder.Builder):
         about_first = (inertia + mass * (away * away)) / (length * length)
         first = mass - 2 * mass * along / length + about_first
         mixed, turned = mass * along / length - about_first, mass * across / length
-        points = [(place, self.mechanism.points[name].mass) for name, place in self.moving.items()]
-        of_points, masses = np.array(points).reshape(-1, 2).T
-        rows = np.stack([starts, starts, ends, ends], axis=1)
-        columns = np.stack([starts, ends, starts, ends], axis=1)
-        a = np.stack([first, mixed, mixed, about_first], axis=1)
-        b = np.stack([0 * turned, turned, -turned, 0 * turned], axis=1)
-        here = np.int64(of_points)
-        rows, columns = np.append(rows, here), np.append(columns, here)
-        a, b = np.append(a, masses), np.append(b, 0 * masses)
+        here, none = np.array([*moving.values()], np.int64), 0 * turned
+        masses = np.array([self.mechanism.points[name].mass for name in moving])
+        rows = np.append(np.stack([starts, starts, ends, ends], axis=1), here)
+        columns = np.append(np.stack([starts, ends, starts, ends], axis=1), here)
+        a = np.append(np.stack([first, mixed, mixed, about_first], axis=1), masses)
+        b = np.append(np.stack([none, turned, -turned, none], axis=1), 0 * masses)
         kept = (rows >= 0) & ((a != 0) | (b != 0))
         return rows[kept], columns[kept], a[kept], b[kept]
 
