@@ -30,9 +30,9 @@ if TYPE_CHECKING:
     from newmark_cli.newmark.newton_systems import NewtonSystem
     from newmark_cli.newmark.scaling import ScalingError
     from newmark_cli.newmark.trajectory import Step, Trajectory
-    from newmark_cli.problems.dae import Dae
     from newmark_cli.problems.problem import Problem, ProblemError
     from newmark_cli.problems.python_problem import Definition
+    from newmark_cli.problems.residual_form import Dae
     from newmark_cli.support.documents import DocumentError
     from newmark_cli.support.errors import ArgumentError, InputError, NewmarkError, NewmarkWarning
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Advice": "advice.advising",
     "ArgumentError": "support.errors",
-    "Dae": "problems.dae",
+    "Dae": "problems.residual_form",
     "DaeAdvice": "advice.dae",
     "Definition": "problems.python_problem",
     "DocumentError": "support.documents",

@@ -4,7 +4,7 @@ import pytest
 from each import each
 
 from newmark_cli.newmark import perturbation
-from newmark_cli.newmark.linear import systems
+from newmark_cli.newmark.linear import solvers
 from newmark_cli.study import config
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import compute
@@ -25,7 +25,7 @@ def test_sampled_states(monkeypatch, samples, steps):
         def condition(self):
             return 1.0
 
-    monkeypatch.setattr(systems, "system", lambda *arguments, **options: Recorder())
+    monkeypatch.setattr(solvers, "system", lambda *arguments, **options: Recorder())
     (first, *_) = config.find("pendulum-u").cells()
     told = []
     chosen = Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})

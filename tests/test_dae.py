@@ -11,8 +11,8 @@ from each import each
 
 import newmark_cli as newmark
 from newmark_cli.problems import reference
-from newmark_cli.problems.dae import ROWS
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.residual_form import ROWS
 
 #: Pendulum of two masses, in a unit of length, turned by an angle, at a distance from the origin.
 ARMS = 0.3, 0.2

@@ -17,7 +17,7 @@ import newmark_cli as newmark
 from newmark_cli.cli.commands import cli as group
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import Law, Mechanism, Table
-from newmark_cli.mechanisms.planar import Builder
+from newmark_cli.mechanisms.planar import PlanarBuilder
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report.judging import expectations, slopes
@@ -377,7 +377,7 @@ def test_tables_name_every_planar_part_and_law():
     """Each part with its equation, each key of a law and of a table."""
     page = PAGES["planar.md"].read_text(encoding="utf-8")
     rows = re.findall(r"^\| `([a-z_]+)` \| .+ \|$", page, re.M)
-    parts = set(Builder.parts) - {"points", "body_points", "bodies"}
+    parts = set(PlanarBuilder.parts) - {"points", "body_points", "bodies"}
     assert parts <= set(rows)
     assert parts <= Mechanism.model_fields.keys()
     for model in (Law, Table):

@@ -14,7 +14,7 @@ from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
-from newmark_cli.newmark.linear import choice, systems
+from newmark_cli.newmark.linear import choice, solvers
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.krylov import KrylovSystem
@@ -76,7 +76,7 @@ def test_recorded_residual(solver, form, variant):
     if variant in ("none", "right"):
         rows[: subject.n] = h**2 / 4
     rhs /= rows
-    system = systems.system(solver, subject, scheme, Krylov(tolerance=1e-6))
+    system = solvers.system(solver, subject, scheme, Krylov(tolerance=1e-6))
     found = system.solve(values, rhs)
     matrix = DenseSystem(subject, scheme).matrix(values)
     exact = np.linalg.norm(rows * (rhs - matrix @ found)) / np.linalg.norm(rows * rhs)
@@ -92,11 +92,11 @@ def test_iterations_do_not_depend_on_the_step_optimally_scaled(solver):
     for h in (1e-2, 1e-4, 1e-6):
         scheme = scheme_of("u-lambda", "optimal", h)
         values, rhs = values_of(LONG, state), right_hand_side(scheme, LONG)
-        system = systems.system(solver, LONG, scheme)
+        system = solvers.system(solver, LONG, scheme)
         system.solve(values, rhs)
         counts += system.iterations
         rhs[: LONG.n] *= 4 / h**2
-        plain = systems.system(solver, LONG, scheme_of("u-lambda", "none", h))
+        plain = solvers.system(solver, LONG, scheme_of("u-lambda", "none", h))
         if h <= 1e-4:
             with pytest.raises(Stagnation):
                 plain.solve(values, rhs)
@@ -109,7 +109,7 @@ def test_stagnation(solver):
     subject, scheme = SUBJECTS["random-chain"], scheme_of("u-lambda", "optimal", 1e-3)
     values = values_of(subject, in_motion(subject))
     rhs = right_hand_side(scheme, subject)
-    system = systems.system(solver, subject, scheme, Krylov(limit=9))
+    system = solvers.system(solver, subject, scheme, Krylov(limit=9))
     with pytest.raises(np.linalg.LinAlgError, match="after 9 iterations, tolerance 1e-08"):
         system.solve(values, rhs)
     assert system.iterations == [9]
@@ -120,7 +120,7 @@ def test_stagnation(solver):
 def test_singular_matrices_end_the_march(solver):
     """G vanishes at the pendulum's pivot, and the length of the rod is out of reach."""
     subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "optimal", 0.1)
-    system = systems.system(solver, subject, scheme)
+    system = solvers.system(solver, subject, scheme)
     at_pivot = start(subject)
     for array in at_pivot:
         array[:] = 0
@@ -139,7 +139,7 @@ def test_newton_saturates_as_with_lu(name, h, integrator):
     subject, scheme = SUBJECTS[name], scheme_of("u-lambda", "optimal", h, integrator)
     first, second = start(subject, integrator, h), start(subject, integrator, h)
     by_gmres, by_lu = (
-        partial(in_system, system=systems.system(solver, subject, scheme))
+        partial(in_system, system=solvers.system(solver, subject, scheme))
         for solver in (choice.GMRES, choice.SPARSE)
     )
     ours, taken = march(by_gmres, subject, scheme, first, 0, 40)

@@ -21,7 +21,7 @@ def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulat
     """Bit by bit, where Python solves: what LU is given, iteration by iteration."""
     problem, solves = swing(tmp_path), []
 
-    class Watched(sparse.Factors):
+    class Watched(sparse.SparseFactors):
         def __init__(self, ordered, rows, columns):
             super().__init__(ordered, rows, columns)
             self.matrix = np.zeros(ordered.shape)
@@ -31,7 +31,7 @@ def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulat
             solves.append((self.matrix, rhs.copy()))
             return super().solve(rhs)
 
-    monkeypatch.setattr(sparse, "Factors", Watched)
+    monkeypatch.setattr(sparse, "SparseFactors", Watched)
     how = {"h": 1e-3, "form": "u-v-lambda", "formulation": formulation, "scaling": "left"}
     how["linear_solver"] = "sparse-lu"
     newmark.march(problem, steps=3, **how, every=0)

@@ -23,7 +23,7 @@ from solve_dae.integrate import solve_dae
 
 import newmark_cli as newmark
 from newmark_cli.problems import reference
-from newmark_cli.problems.dae import Dae
+from newmark_cli.problems.residual_form import Dae
 
 #: Besides the smallest that the advice finds room for.
 ACCURACIES = (1e-4, 1e-6, 1e-8)

@@ -3,7 +3,7 @@
 They are those of `newmark_cli.dae`: "index 3", "index 2", "index 1", "GGL", and "… with integrals".
 """
 
-from newmark_cli.problems.dae import Dae
+from newmark_cli.problems.residual_form import Dae
 
 
 class Equations(Dae):

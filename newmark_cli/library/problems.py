@@ -12,9 +12,9 @@ from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import PythonFactory, Sized, name_and_arguments, with_ending
 from newmark_cli.problems import python_problem
-from newmark_cli.problems.dae import ROWS, Dae
 from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.problems.python_problem import Definition
+from newmark_cli.problems.residual_form import ROWS, Dae
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document
 from newmark_cli.support.errors import ArgumentError, warn

@@ -12,9 +12,9 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from newmark_cli.mechanisms import elements, laws, table
+from newmark_cli.mechanisms import element_tables, elements, laws
+from newmark_cli.mechanisms.element_tables import ElementList, Shape, Term
 from newmark_cli.mechanisms.models import Law, MechanismModel
-from newmark_cli.mechanisms.table import ElementList, Shape, Term
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array, IndexArray
@@ -112,7 +112,9 @@ class Builder(ABC):
         self.weigh()
         loaded = np.flatnonzero(np.any(self.loads != 0, axis=1))
         places = self.components * loaded
-        self.elements.add_arrays([table.loads(np.arange(len(loaded)), places, self.loads[loaded])])
+        self.elements.add_arrays(
+            [element_tables.loads(np.arange(len(loaded)), places, self.loads[loaded])]
+        )
 
     @abstractmethod
     def prepare(self) -> None:

@@ -152,10 +152,10 @@ def _builder(data: Any) -> "type[Builder]":
     if is_spatial(data):
         from newmark_cli.mechanisms import spatial
 
-        return spatial.Builder
+        return spatial.SpatialBuilder
     from newmark_cli.mechanisms import planar
 
-    return planar.Builder
+    return planar.PlanarBuilder
 
 
 def made(name: str, data: dict[str, Any], mechanism: Any = None) -> Problem:

@@ -18,6 +18,7 @@ import numpy as np
 
 from newmark_cli.mechanisms import builder, elements, laws
 from newmark_cli.mechanisms.builder import MISFIT, Follows, Row, Sum
+from newmark_cli.mechanisms.element_tables import Group, Shape, Term
 from newmark_cli.mechanisms.models import (
     GROUND,
     AngleJoint,
@@ -39,7 +40,6 @@ from newmark_cli.mechanisms.models import (
     TorsionSpring,
     driven,
 )
-from newmark_cli.mechanisms.table import Group, Shape, Term
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Push
 from newmark_cli.support.arrays import Array, IndexArray
@@ -63,7 +63,7 @@ def _minus(first: Weights, second: Weights) -> dict[str, complex]:
     }
 
 
-class Builder(builder.Builder):
+class PlanarBuilder(builder.Builder):
     """Turns a mechanism of the plane into the tables of the element loop."""
 
     model = Mechanism

@@ -13,26 +13,26 @@ import numpy as np
 
 from newmark_cli.mechanisms import builder, elements, laws
 from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
+from newmark_cli.mechanisms.element_tables import Group, Shape, Term
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import GROUND, Law, driven, laws_of
 from newmark_cli.mechanisms.spatial_model import (
-    Body,
-    BodyPoint,
-    Force,
-    Joint,
-    Motion,
-    Point,
+    JointMotion,
+    SpatialBody,
+    SpatialBodyPoint,
+    SpatialForce,
+    SpatialJoint,
     SpatialMechanism,
-    Torque,
-    TorsionDamper,
-    TorsionSpring,
+    SpatialPoint,
+    SpatialTorque,
+    SpatialTorsionDamper,
+    SpatialTorsionSpring,
     directors,
     inertias,
     inner,
     unit,
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
-from newmark_cli.mechanisms.table import Group, Shape, Term
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
@@ -100,7 +100,7 @@ def _mass_rank(problem: Problem) -> int:
     return 3 * int(np.count_nonzero(values > _NO_INERTIA * largest))
 
 
-class Builder(builder.Builder):
+class SpatialBuilder(builder.Builder):
     """Turns a mechanism in space into the tables of the element loop.
 
     Attributes:
@@ -205,16 +205,16 @@ class Builder(builder.Builder):
 
     # -- points and bodies -----------------------------------------------------------------------
 
-    def _points(self, point: Point, path: KeyPath) -> None:
+    def _points(self, point: SpatialPoint, path: KeyPath) -> None:
         self.sites[str(path[1])] = Side(-1, np.array(point.fixed), {})
 
-    def _body_points(self, point: BodyPoint, path: KeyPath) -> None:
+    def _body_points(self, point: SpatialBodyPoint, path: KeyPath) -> None:
         if path[1] in self.mechanism.points:
             raise self.document.error(path, f"there is a point {path[1]} of the ground, too")
         body = self.body(point.on, (*path, "on"))
         self.sites[str(path[1])] = Side(body, np.array(point.at), {})
 
-    def _bodies(self, body: Body, path: KeyPath) -> None:
+    def _bodies(self, body: SpatialBody, path: KeyPath) -> None:
         """Rows of a body."""
         if path[1] == GROUND:
             message = "'ground' is what bodies stand on; give this body another name"
@@ -282,7 +282,7 @@ class Builder(builder.Builder):
 
     # -- joints --------------------------------------------------------------------------------
 
-    def _joints(self, joint: Joint, path: KeyPath) -> None:
+    def _joints(self, joint: SpatialJoint, path: KeyPath) -> None:
         kind, name = JOINTS[joint.type], str(path[1])
         a, b = self._sides(joint, path)
         length = self._joined(joint, a, b, path)
@@ -303,7 +303,7 @@ class Builder(builder.Builder):
             self.squares[row] = length * length
             self.add("SQUARE", between, row=row, parameters=(length * length,))
 
-    def _sides(self, joint: Joint, path: KeyPath) -> tuple[Side, Side]:
+    def _sides(self, joint: SpatialJoint, path: KeyPath) -> tuple[Side, Side]:
         """Frames of a joint on both bodies."""
         kind, names = JOINTS[joint.type], (joint.from_, joint.to)
         numbers = self.both(self.body_or_ground, *names, path)
@@ -326,7 +326,7 @@ class Builder(builder.Builder):
         first, second = map(Side, numbers, points, vectors)
         return first, second
 
-    def _joined(self, joint: Joint, a: Side, b: Side, path: KeyPath) -> float:
+    def _joined(self, joint: SpatialJoint, a: Side, b: Side, path: KeyPath) -> float:
         """Length that a joint keeps, or 0; requires its points to start where they should."""
         kind = JOINTS[joint.type]
         if not (kind.length or isinstance(joint.at, dict)):
@@ -346,7 +346,7 @@ class Builder(builder.Builder):
         return 0.0
 
     def _about(
-        self, joint: Joint, first: int, second: int, path: KeyPath
+        self, joint: SpatialJoint, first: int, second: int, path: KeyPath
     ) -> list[dict[str, Array]]:
         """Vectors n, p and q on both bodies."""
         declared = joint.axis
@@ -375,7 +375,7 @@ class Builder(builder.Builder):
         ]
 
     def _crossed(
-        self, joint: Joint, first: int, second: int, path: KeyPath
+        self, joint: SpatialJoint, first: int, second: int, path: KeyPath
     ) -> list[dict[str, Array]]:
         """Axes of a universal joint."""
         axes = joint.axes
@@ -436,7 +436,7 @@ class Builder(builder.Builder):
 
     # -- motions and forces ----------------------------------------------------------------------
 
-    def _motions(self, motion: Motion, path: KeyPath) -> None:
+    def _motions(self, motion: JointMotion, path: KeyPath) -> None:
         for key, law in driven(motion).items():
             with self.checked():
                 if motion.joint is not None:
@@ -474,7 +474,7 @@ class Builder(builder.Builder):
         between = _minus(_site(b), _site(a))
         self._follow(_direction(a, "n"), between, path, self.fitting(law, now, path), law)
 
-    def _forces(self, force: Force, path: KeyPath) -> None:
+    def _forces(self, force: SpatialForce, path: KeyPath) -> None:
         side = self.of_body(force.at, (*path, "at"))
         weights = np.concatenate([[1.0], side.point])
         first = 4 * side.body
@@ -487,7 +487,7 @@ class Builder(builder.Builder):
             else:
                 self.loads[first : first + 4, axis] += weights * amount
 
-    def _torques(self, torque: Torque, path: KeyPath) -> None:
+    def _torques(self, torque: SpatialTorque, path: KeyPath) -> None:
         of_body, of_joint = torque.on in self.numbers, torque.on in self.mechanism.joints
         amounts = torque.torque if isinstance(torque.torque, tuple) else (torque.torque,)
         constants = [0.0 if isinstance(amount, Law) else amount for amount in amounts]
@@ -507,11 +507,11 @@ class Builder(builder.Builder):
         kind = "FOLLOWER" if torque.frame == "body" else "MOMENT"
         self.add(kind, Sum((), [(place,)]), parameters=constants, timed=timed)
 
-    def _torsion_springs(self, spring: TorsionSpring, path: KeyPath) -> None:
+    def _torsion_springs(self, spring: SpatialTorsionSpring, path: KeyPath) -> None:
         parameters = (0.0, spring.stiffness, spring.rest_angle, 0.0)
         self._hinge(spring.on, parameters, (*path, "on"))
 
-    def _torsion_dampers(self, damper: TorsionDamper, path: KeyPath) -> None:
+    def _torsion_dampers(self, damper: SpatialTorsionDamper, path: KeyPath) -> None:
         self._hinge(damper.on, (0.0, 0.0, 0.0, damper.damping), (*path, "on"))
 
     # -- start ---------------------------------------------------------------------------------

@@ -128,7 +128,7 @@ Inertia = Annotated[
 ]
 
 
-class Body(StrictModel):
+class SpatialBody(StrictModel):
     """A rigid body: its origin and three directors."""
 
     position: Vector = Field(description="position of its origin at the start (m)")
@@ -148,7 +148,7 @@ class Body(StrictModel):
     angular_velocity: Vector = Field(_ORIGIN, description="initial, in global axes (rad/s)")
 
     @model_validator(mode="after")
-    def _possible(self) -> "Body":
+    def _possible(self) -> "SpatialBody":
         if (self.inertia is None) == (self.box is None):
             both = self.inertia is not None
             text = "give either 'inertia' or 'box'" + (", not both" if both else "")
@@ -177,7 +177,7 @@ class Body(StrictModel):
         return np.diag(np.asarray(self.inertia, float))
 
 
-def directors(bodies: Iterable[Body]) -> Array:
+def directors(bodies: Iterable[SpatialBody]) -> Array:
     """(b, 3, 3) directors of bodies at the start, one a row."""
     axes = [
         ((1, 0, 0), (0, 1, 0)) if (of := body.axes) is None else (of.x, of.y) for body in bodies
@@ -189,7 +189,7 @@ def directors(bodies: Iterable[Body]) -> Array:
     return np.stack([x, y, np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)], axis=1)
 
 
-def inertias(bodies: Iterable[Body]) -> Array:
+def inertias(bodies: Iterable[SpatialBody]) -> Array:
     """(b, 4, 4) S of bodies, M = S ⊗ 1: mass, first moments, Euler tensor about the origin."""
     bodies = list(bodies)
     mass, centre, tensor = (
@@ -209,13 +209,13 @@ def _listed(numbers: Any) -> str:
     return ", ".join(f"{float(number):.6g}" for number in numbers)
 
 
-class Point(StrictModel):
+class SpatialPoint(StrictModel):
     """A point of the ground."""
 
     fixed: Vector = Field(description="position (m)")
 
 
-class BodyPoint(StrictModel):
+class SpatialBodyPoint(StrictModel):
     """A point fixed on a body."""
 
     on: str = Field(description="body")
@@ -231,7 +231,7 @@ else:
 _GIVEN_BY_BODY = "; by body, in body axes: {crank: [...], rod: [...]}"
 
 
-class Joint(StrictModel):
+class SpatialJoint(StrictModel):
     """A joint between two bodies, or of a body and the ground."""
 
     type: JointType = Field(description=_KINDS)
@@ -249,7 +249,7 @@ class Joint(StrictModel):
     )
 
     @model_validator(mode="after")
-    def _complete(self) -> "Joint":
+    def _complete(self) -> "SpatialJoint":
         kind, errors = JOINTS[self.type], []
         if self.from_ == self.to:
             errors.append(misfit("to", f"joins {self.to} with itself"))
@@ -276,7 +276,7 @@ class Joint(StrictModel):
         return self
 
 
-class TorsionSpring(StrictModel):
+class SpatialTorsionSpring(StrictModel):
     """A spring about the axis of a joint."""
 
     on: str = Field(description="joint")
@@ -286,7 +286,7 @@ class TorsionSpring(StrictModel):
     )
 
     @model_validator(mode="after")
-    def _within_a_turn(self) -> "TorsionSpring":
+    def _within_a_turn(self) -> "SpatialTorsionSpring":
         if abs(self.rest_angle) > 3:
             raise misfit(
                 "rest_angle",
@@ -296,7 +296,7 @@ class TorsionSpring(StrictModel):
         return self
 
 
-class TorsionDamper(StrictModel):
+class SpatialTorsionDamper(StrictModel):
     """A damper about the axis of a joint."""
 
     on: str = Field(description="joint")
@@ -306,7 +306,7 @@ class TorsionDamper(StrictModel):
 Amounts = Annotated[tuple[Amount, Amount, Amount], BeforeValidator(_three_numbers)]
 
 
-class Torque(StrictModel):
+class SpatialTorque(StrictModel):
     """A torque on a body, or about the axis of a joint."""
 
     on: str = Field(description="body or joint")
@@ -328,14 +328,14 @@ class Torque(StrictModel):
         return any(isinstance(amount, Law) or amount != 0 for amount in amounts)
 
 
-class Force(StrictModel):
+class SpatialForce(StrictModel):
     """A force at a point, in global axes."""
 
     at: str = Field(description="point of a body: one of 'body_points', or a body: its origin")
     force: Amounts = Field(description="components (N), each a number or a law of time")
 
 
-class Motion(StrictModel):
+class JointMotion(StrictModel):
     """A prescribed motion: of a joint, or of coordinates of a point."""
 
     joint: str | None = Field(None, description="driven joint")
@@ -347,7 +347,7 @@ class Motion(StrictModel):
     z: Law | None = Field(None, description="law of its third coordinate (m)")
 
     @model_validator(mode="after")
-    def _drives_one_thing(self) -> "Motion":
+    def _drives_one_thing(self) -> "JointMotion":
         of_joint, of_point = bool(self.angle or self.distance), bool(self.x or self.y or self.z)
         if (
             (self.joint is None) == (self.point is None)
@@ -383,17 +383,21 @@ class SpatialMechanism(MechanismModel):
     """A spatial mechanism; SI units."""
 
     dimensions: Literal[3] = Field(description="3: the mechanism is spatial")
-    points: dict[str, Point] = Field({}, description="points of the ground")
-    bodies: dict[str, Body] = Field(description="rigid bodies")
-    body_points: dict[str, BodyPoint] = Field({}, description="points on bodies")
-    joints: dict[str, Joint] = Field({}, description="joints")
-    motions: dict[str, Motion] = Field({}, description="prescribed motions")
+    points: dict[str, SpatialPoint] = Field({}, description="points of the ground")
+    bodies: dict[str, SpatialBody] = Field(description="rigid bodies")
+    body_points: dict[str, SpatialBodyPoint] = Field({}, description="points on bodies")
+    joints: dict[str, SpatialJoint] = Field({}, description="joints")
+    motions: dict[str, JointMotion] = Field({}, description="prescribed motions")
     springs: dict[str, Spring] = Field({}, description="linear springs between two points")
     dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
-    torsion_springs: dict[str, TorsionSpring] = Field({}, description="springs about joints' axes")
-    torsion_dampers: dict[str, TorsionDamper] = Field({}, description="dampers about joints' axes")
-    torques: dict[str, Torque] = Field({}, description="torques")
-    forces: dict[str, Force] = Field({}, description="forces at points of bodies")
+    torsion_springs: dict[str, SpatialTorsionSpring] = Field(
+        {}, description="springs about joints' axes"
+    )
+    torsion_dampers: dict[str, SpatialTorsionDamper] = Field(
+        {}, description="dampers about joints' axes"
+    )
+    torques: dict[str, SpatialTorque] = Field({}, description="torques")
+    forces: dict[str, SpatialForce] = Field({}, description="forces at points of bodies")
     gravity: Vector = Field(_ORIGIN, description="acceleration of gravity (m/s²)")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from newmark_cli.mechanisms.spatial import SpatialModel
-from newmark_cli.mechanisms.spatial_model import Body, BodyPoint
+from newmark_cli.mechanisms.spatial_model import SpatialBody, SpatialBodyPoint
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.spelling import degrees_of_freedom
@@ -44,7 +44,9 @@ def lines(name: str, problem: Problem) -> list[str]:
     return text
 
 
-def inertia_with(body: Body, points: Iterable[BodyPoint] = ()) -> tuple[Array, Array, Array]:
+def inertia_with(
+    body: SpatialBody, points: Iterable[SpatialBodyPoint] = ()
+) -> tuple[Array, Array, Array]:
     """Mass centre (m), and tensors of inertia about it and about the origin (kg m²).
 
     Args:

@@ -17,7 +17,7 @@ from numba.extending import intrinsic
 
 from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.linear.choice import Stagnation
-from newmark_cli.newmark.linear.systems import LinearSystem
+from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.march_data import (
     COMPLETED,
     RAISED,

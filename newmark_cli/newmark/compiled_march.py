@@ -12,8 +12,8 @@ from newmark_cli.newmark.constraints import Constraining, FormulationTables, con
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Products
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
+from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.exchanges import Exchanges
 from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_generated

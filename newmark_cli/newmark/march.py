@@ -9,10 +9,10 @@ import numpy as np
 
 from newmark_cli.newmark import compiled_march, kernel
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
-from newmark_cli.newmark.linear import choice, systems
+from newmark_cli.newmark.linear import choice, solvers
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
+from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.linear.systems import LinearSystem
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
 from newmark_cli.newmark.scheme import Scheme, Schemes
@@ -138,7 +138,7 @@ class March:
         self.solver = choice.choose(
             linear_solver, problem, scheme.form, scheme.formulated, scheme.precision
         )
-        self._systems = systems.Systems(self.solver, problem, self.schemes, krylov)
+        self._systems = solvers.Systems(self.solver, problem, self.schemes, krylov)
         system = self._systems.base
         self._engine = compiled_march.Engine(
             problem, scheme, system if isinstance(system, StaticSystem) else None,

@@ -9,7 +9,7 @@ import scipy.sparse
 
 from newmark_cli.newmark.compiled_march import Engine
 from newmark_cli.newmark.constraints import Tangents
-from newmark_cli.newmark.linear.systems import LinearSystem
+from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.scheme import Scheme

@@ -8,7 +8,7 @@ times ε (eq. 7), so that ‖δq‖/ε against h has the orders of the blocks of
 import numpy as np
 
 from newmark_cli.newmark.linear.dense import DenseSystem
-from newmark_cli.newmark.linear.systems import LinearSystem
+from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.algebra import norm

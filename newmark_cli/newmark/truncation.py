@@ -23,7 +23,7 @@ UNKNOWN = math.nan
 
 
 @dataclass(frozen=True)
-class March:
+class Marched:
     """Properties that decide the order of a march."""
 
     integrator: Integrator

@@ -4,7 +4,7 @@
 - `python_problem`: a problem in Python, compiled or plain, with `python_forces` on mechanisms,
   `differences` and `constraint_rows` for derivatives that are not given, `agreement` for those that
   are, and `user_code` for the file that they stand in; `linear`: a problem from its matrices;
-- `index_1`, `dae`: the equations in other forms; `starting`, `multipliers`: starts and λ;
+- `index_1`, `residual_form`: the equations in other forms; `starting`, `multipliers`: starts and λ;
 - `reference`: what errors are measured against, by `dormand_prince`, up to a position that is
   `singular`; `redundancy`: constraints that depend on each other;
 - `algebra`: dense linear algebra with the same bits on every processor.

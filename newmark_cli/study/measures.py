@@ -28,7 +28,7 @@ from newmark_cli.newmark.scaling import Preconditioning, Scaling
 from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
 from newmark_cli.newmark.steps import Change
-from newmark_cli.newmark.truncation import March as Marched
+from newmark_cli.newmark.truncation import Marched
 from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.support.arrays import Array, IndexArray, Mask

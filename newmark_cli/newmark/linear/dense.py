@@ -80,7 +80,7 @@ def no_tables(scheme: Scheme) -> MatrixTables:
 
 
 class DenseSystem(Jacobian):
-    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`."""
+    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.solvers.LinearSystem`."""
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""

@@ -26,7 +26,7 @@ _EPS = float(np.finfo(float).eps)
 
 
 class KrylovSystem(SparseSystem):
-    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`.
+    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.solvers.LinearSystem`.
 
     GMRES (Saad & Schultz 1986) with its whole basis, which takes memory for ``limit`` vectors.
 

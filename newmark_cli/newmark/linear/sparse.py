@@ -64,7 +64,7 @@ def elimination_order(
     return order(ranks), order(ranks[::-1])
 
 
-class Factors:
+class SparseFactors:
     """LU factors, with partial pivoting, of a matrix in a static order of elimination."""
 
     def __init__(
@@ -105,19 +105,19 @@ class Factors:
 
 
 class SparseSystem(Jacobian):
-    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.systems.LinearSystem`."""
+    """J̄ of a scheme on a problem; a `newmark_cli.newmark.linear.solvers.LinearSystem`."""
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
         form = scheme.form
         order = elimination_order(problem, len(form.kept), len(form.constraint_rows))
         super().__init__(problem, scheme, Order(*order))
 
-    def factorise(self, entries: Array) -> Factors:
+    def factorise(self, entries: Array) -> SparseFactors:
         """LU factors of the matrix with these entries."""
         ordered = scipy.sparse.csc_array(
             (entries, self._indices, self._starts), (self.size, self.size)
         )
-        return Factors(ordered, *self.order)
+        return SparseFactors(ordered, *self.order)
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
