@@ -4,7 +4,7 @@ import pytest
 from each import each
 
 from newmark_cli.newmark import perturbation
-from newmark_cli.newmark.linear import solvers
+from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.study import config
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import compute
@@ -15,17 +15,15 @@ def test_sampled_states(monkeypatch, samples, steps):
     """As many as asked for, evenly spread, each at its own time, the last at the end."""
     times = []
 
-    class Recorder:
-        constraining = None
-
-        def balanced(self, time, state):
-            times.append(time)
-            return self
-
+    class Balanced:
         def condition(self):
             return 1.0
 
-    monkeypatch.setattr(solvers, "system", lambda *arguments, **options: Recorder())
+    def record(system, time, state):
+        times.append(time)
+        return Balanced()
+
+    monkeypatch.setattr(StaticSystem, "balanced", record)
     (first, *_) = config.find("pendulum-u").cells()
     told = []
     chosen = Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
