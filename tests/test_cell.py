@@ -4,7 +4,7 @@ import pytest
 from each import each
 
 from newmark_cli.newmark import perturbation
-from newmark_cli.newmark.linear.written.static import StaticSystem
+from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.study import config
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import compute
@@ -23,7 +23,7 @@ def test_sampled_states(monkeypatch, samples, steps):
         times.append(time)
         return Balanced()
 
-    monkeypatch.setattr(StaticSystem, "balanced", record)
+    monkeypatch.setattr(DenseSystem, "balanced", record)
     (first, *_) = config.find("pendulum-u").cells()
     told = []
     chosen = Cell(**{**vars(first), "h": 1e-4, "steps": steps, "samples": samples})
