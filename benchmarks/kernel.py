@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark.compiled_march import Engine
+from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.linear.written.static import StaticSystem

@@ -17,7 +17,7 @@ import time
 import numpy as np
 
 import newmark_cli as newmark
-from newmark_cli.newmark.compiled_march import Engine
+from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.linear.written.static import StaticSystem

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from newmark_cli.newmark import compiled_march, kernel, march_data
+from newmark_cli.newmark import kernel, march_data
+from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.dense import DenseSystem
@@ -53,7 +54,7 @@ def compiled(subject, scheme):
     """The engine whose every part is compiled, if the problem is."""
     global _engine
     if _engine is None or _engine.problem is not subject or _engine.scheme is not scheme:
-        _engine = compiled_march.Engine(subject, scheme)
+        _engine = Engine(subject, scheme)
     return _engine
 
 
@@ -64,12 +65,12 @@ def in_python(subject, scheme, system=None, **options):
     """
     system = system or DenseSystem(subject, scheme)
     given = {"system_at": lambda step: system, **options}
-    return compiled_march.Engine(replace(subject, compiled=False), scheme, **given)
+    return Engine(replace(subject, compiled=False), scheme, **given)
 
 
 def in_system(subject, scheme, system):
     """The same for one linear system, with the problem's own functions."""
-    return compiled_march.Engine(subject, scheme, system_at=lambda step: system)
+    return Engine(subject, scheme, system_at=lambda step: system)
 
 
 #: Ways to march.
@@ -89,7 +90,7 @@ def interpreted_march(
     subject, scheme, state, first, norms, iterations, record=None, positions=None
 ):
     """The kernel's march as Python runs it, and all that it calls but the problem's functions."""
-    engine = compiled_march.Engine(subject, scheme)
+    engine = Engine(subject, scheme)
     counts = march_data.Counts(
         norms, iterations,
         np.zeros(len(norms), np.int64) if positions is None else positions,

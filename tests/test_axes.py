@@ -133,7 +133,7 @@ for number, arguments in enumerate(commands):
 #: What the commands below import.
 IMPORTED = (
     "cli.commands",
-    "newmark.compiled_march",
+    "newmark.engine",
     "report.tables.check",
     "running.runner",
     "study.compute",

@@ -9,7 +9,7 @@ from marching import STEP, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel
-from newmark_cli.newmark.compiled_march import Engine
+from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.assembly import Constants, Sums

@@ -44,7 +44,7 @@ MODULES = (
     "cli.terminal",
     "advice.advising",
     "advice.jacobians",
-    "newmark.compiled_march",
+    "newmark.engine",
     "problems.python_problem",
     "report.tables.check",
     "report.tables.compare",

@@ -10,8 +10,16 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from newmark_cli.mechanisms.builder import Builder, Row
+from newmark_cli.mechanisms.positions import (
+    DENSE_UP_TO,
+    MISSED,
+    RANK_TOLERANCE,
+    least_change,
+    on_constraints,
+    size_of,
+    solver_if_regular,
+)
 from newmark_cli.problems import index_1, redundancy
-from newmark_cli.problems.algebra import Factors, solver
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.redundancy import column_norms, gradient_of
 from newmark_cli.support import documents
@@ -19,15 +27,9 @@ from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
 from newmark_cli.support.spelling import nearest
 
-#: Coordinates up to which ranks are found by dense factorisations.
-DENSE_UP_TO = 600
-RANK_TOLERANCE = 1e-10
-#: The same after a search, which finds a singular position only to half the digits.
+#: `RANK_TOLERANCE` after a search, which finds a singular position only to half the digits.
 RANK_TOLERANCE_FOUND = 1e-7
 VELOCITY_TOLERANCE = 1e-9
-MOST_CORRECTIONS = 50
-#: What a position that was looked for may miss of a constraint, of the largest coordinate.
-MISSED = 1e-9
 #: Constraints that an error names.
 MOST_NAMED = 12
 #: Parts that are named where no position is found.
@@ -50,8 +52,6 @@ _NEARLY = 1e-4
 _ALMOST, _ALMOST_ASIDE, _AWAY, _APART = 1e-6, 1e-3, 1e-2, 100.0
 #: Least pivot, relative to the largest, with which accelerations are determined.
 _NO_INERTIA = 1e-13
-#: What a sparse solution may miss, relative to what was asked for.
-_SOLVED = 1e-6
 #: How far from the start it is looked whether the start is singular, of the largest
 #: coordinate, and the tolerance of the rank there.
 _ASIDE, _RANK_TOLERANCE_ASIDE = 1e-6, 1e-8
@@ -108,7 +108,7 @@ def consistent(builder: Builder) -> Start:
 
 def _assembled(builder: Builder, problem: Problem, named: Sequence[int]) -> Array:
     """Positions on the constraints near a guess; the problem lacks rows that the file names."""
-    u = _on_constraints(problem, problem.u0)
+    u = on_constraints(problem, problem.u0)
     missed = _missed_by_part(builder, problem, u, named)
     if not missed:
         return u
@@ -135,101 +135,12 @@ def _missed_by_part(
         missed[k] = np.sqrt(max(0.0, square + 2 * missed[k])) - np.sqrt(square)
     largest: dict[tuple[bool, str], float] = {}
     for row, by in zip(builder.rows, np.abs(missed).tolist(), strict=True):
-        if not by <= MISSED * _size(u):
+        if not by <= MISSED * size_of(u):
             rigid = not row.owner  # what keeps a body rigid comes last
             part = rigid, str(row.parts[0]) if row.name else row.full
             largest[part] = max(largest.get(part, 0.0), by)
     order = sorted(largest, key=lambda part: (part[0], -largest[part]))
     return {part[1]: largest[part] for part in order}
-
-
-def _size(u: Array) -> float:
-    return float(np.abs(u).max()) or 1.0
-
-
-def _on_constraints(problem: Problem, u: Array) -> Array:
-    """A position next to another that meets all constraints, or the closest that was found.
-
-    Newton's method of least change; where that ends elsewhere, that of Levenberg and
-    Marquardt from the same start.
-    """
-    begin, size = u, _size(u)
-    # Newton's steps of directors, which have length 1, may be far too long.
-    longest = 0.5 * size if len(problem.axes) == 3 else math.inf
-    for _ in range(MOST_CORRECTIONS):
-        phi = problem.constraint_values(problem.t0, u)
-        if not np.all(np.isfinite(phi)):
-            break
-        change = _change(gradient_of(problem, u), phi)
-        if not np.all(np.isfinite(change)):
-            break
-        step = float(np.abs(change).max())
-        u = u - change * min(1.0, longest / step if step else 1.0)
-        if step <= 1e-15 * size:
-            break
-    if np.abs(problem.constraint_values(problem.t0, u)).max() <= MISSED * max(size, size**2):
-        return u
-    return _closest(problem, begin)
-
-
-def _change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
-    """Smallest d with Gᵀ d = wanted; least squares where constraints are dependent."""
-    square = gradient.T @ gradient
-    if gradient.shape[0] <= DENSE_UP_TO:
-        if (solve := _if_regular(square.toarray())) is not None:
-            return np.asarray(gradient @ solve(wanted))
-        return np.asarray(np.linalg.lstsq(gradient.toarray().T, wanted, rcond=1e-9)[0])
-    try:
-        change = np.asarray(gradient @ solver(square)(wanted))
-    except np.linalg.LinAlgError:
-        change = np.full(gradient.shape[0], np.nan)
-    if np.linalg.norm(gradient.T @ change - wanted) <= _SOLVED * np.linalg.norm(wanted):
-        return change
-    return redundancy.least_change(gradient, wanted)
-
-
-def _if_regular(matrix: Array) -> Callable[[Array], Array] | None:
-    """Solver of A x = rhs; None if A is nearly singular."""
-    try:
-        factors = Factors(matrix)
-    except np.linalg.LinAlgError:
-        return None
-    pivots = np.abs(np.diagonal(factors.lu))
-    return factors.solve if pivots.min() > RANK_TOLERANCE * pivots.max() else None
-
-
-def _closest(problem: Problem, u: Array) -> Array:
-    """Position near another that meets the constraints as well as possible.
-
-    The method of Levenberg and Marquardt, which also converges where constraints depend
-    on each other: the damping falls with what is missed.
-    """
-    scale = 1.0
-
-    def missed(u: Array) -> tuple[float, Array]:
-        phi = problem.constraint_values(problem.t0, u)
-        size = float(np.linalg.norm(phi))
-        return (size if np.isfinite(size) else np.inf), phi
-
-    norm, phi = missed(u)
-    for _ in range(MOST_CORRECTIONS):
-        gradient = gradient_of(problem, u)
-        largest = float(column_norms(gradient).max()) ** 2 or 1.0
-        damping = scale * min(1.0, norm / largest) * largest + 1e-15 * largest
-        square = gradient.T @ gradient + damping * scipy.sparse.eye_array(problem.m)
-        try:
-            step = np.asarray(gradient @ solver(square)(phi))
-        except np.linalg.LinAlgError:
-            break
-        if not np.all(np.isfinite(step)) or np.abs(step).max() <= 1e-16 * np.abs(u).max():
-            break
-        moved = u - step
-        there, phi_there = missed(moved)
-        if there < norm:
-            u, norm, phi, scale = moved, there, phi_there, scale / 8
-        else:
-            scale *= 10
-    return u
 
 
 # -- redundancy -------------------------------------------------------------------------------
@@ -282,7 +193,7 @@ def _independent(
         raise document.error(last, message)
     missed = np.abs(problem.constraint_values(problem.t0, problem.u0)) / sizes
     for k in dropped:
-        if missed[k] > (_NEARLY if named else MISSED) * max(1.0, _size(problem.u0)):
+        if missed[k] > (_NEARLY if named else MISSED) * max(1.0, size_of(problem.u0)):
             message = f"cannot be closed: its row {rows[k].name} is missed by {missed[k]:.3g}"
             raise document.error(rows[k].path, message)
     shared = frozenset(rows[k].owner for k in involved if rows[k].name and rows[k].owner)
@@ -343,7 +254,7 @@ def _require_distinct(
         return
     vectors, _, turned = np.linalg.svd(dense)
     direction = vectors[:, -free:] @ np.random.default_rng(0).normal(size=free)
-    direction *= _AWAY * _size(problem.u0) / np.abs(direction).max()
+    direction *= _AWAY * size_of(problem.u0) / np.abs(direction).max()
     aside = gradient_of(problem, problem.u0 + direction).toarray()[:, passive]
     aside = np.linalg.svd(aside / np.linalg.norm(aside, axis=0), compute_uv=False)
     if not aside[min(len(large), len(aside) - 1)] < _ALMOST_ASIDE * aside[0]:
@@ -489,7 +400,7 @@ def _along(builder: Builder, null: Array, u: Array, tolerance: float) -> list[Ar
             moved, kept = place + step, _without(problem.m, chosen)
             for _ in range(_CORRECTED):
                 missed = problem.constraint_values(problem.t0, moved)[kept]
-                moved = moved - _change(gradient_of(problem, moved)[:, kept], missed)
+                moved = moved - least_change(gradient_of(problem, moved)[:, kept], missed)
             if not np.abs((moved - place - step) / scale).max() < _STEP:
                 break  # the motion ends here
             direction, place = moved - place, moved
@@ -524,7 +435,7 @@ def _singular_here(
     Where the rank of G is the same all around, constraints can be followed in every
     direction that G allows.  At a singular position they cannot.
     """
-    random, size = np.random.default_rng(0), _size(problem.u0)
+    random, size = np.random.default_rng(0), size_of(problem.u0)
     free = _null_space(scaled.T.tocsc(), tolerance) if problem.n <= DENSE_UP_TO else None
     for _ in range(3):
         if free is None:
@@ -534,7 +445,7 @@ def _singular_here(
         else:
             return False  # nothing can move: there are too many constraints everywhere
         direction *= _ASIDE * size / np.abs(direction).max()
-        moved = _on_constraints(problem, problem.u0 + direction)
+        moved = on_constraints(problem, problem.u0 + direction)
         if np.abs(moved - problem.u0 - direction).max() > 0.1 * np.abs(direction).max():
             return True
         _, null = _null_at(problem, moved, _RANK_TOLERANCE_ASIDE)
@@ -687,6 +598,6 @@ def _solver_of_rates(saddle: scipy.sparse.csc_array, n: int) -> Callable[[Array]
     if n > DENSE_UP_TO:
         return lambda rhs: np.asarray(scipy.sparse.linalg.spsolve(saddle, rhs))
     dense = np.asarray(saddle.toarray(), float)
-    return _if_regular(dense) or (
+    return solver_if_regular(dense) or (
         lambda rhs: np.asarray(np.linalg.lstsq(dense, rhs, rcond=1e-13)[0])
     )

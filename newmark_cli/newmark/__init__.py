@@ -11,7 +11,7 @@ before a march:
 Then the march itself:
 
 - `march`: one march that can be observed; cells, drawings and the library take it;
-- `compiled_march` hands a problem and a scheme to the `kernel` as `march_data`; the kernel calls
+- `engine` hands a problem and a scheme to the `kernel` as `march_data`; the kernel calls
   what is not compiled through `callbacks`;
 - `carrying` changes the step size, `gaps` watches rows that were released, `kept` and `trajectory`
   hold what is passed, `newton_systems` the systems that were solved.

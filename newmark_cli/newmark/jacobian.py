@@ -36,7 +36,6 @@ class Jacobian:
     Attributes:
         size: N.
         order: In which rows and columns of the entries ascend.
-        terms: Weights times sources that are added up.
         rows, columns: Of each entry.
         products: What a formulation multiplies before it is added up.
     """
@@ -55,7 +54,6 @@ class Jacobian:
         else:
             sums = assembly.of_index_3(problem, tables)
         self._fixed, self._sources, self._weights = fixed.values, sums.origins, sums.coefficients
-        self.terms = len(sums.coefficients)
         rows, columns = (np.concatenate(pair) for pair in zip(fixed[:2], sums[:2], strict=True))
 
         places = np.arange(self.size)

@@ -7,7 +7,7 @@ from heapq import merge
 
 import numpy as np
 
-from newmark_cli.newmark import compiled_march, kernel
+from newmark_cli.newmark import engine, kernel
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, solvers
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
@@ -140,7 +140,7 @@ class March:
         )
         self._systems = solvers.Systems(self.solver, problem, self.schemes, krylov)
         system = self._systems.base
-        self._engine = compiled_march.Engine(
+        self._engine = engine.Engine(
             problem, scheme, system if isinstance(system, StaticSystem) else None,
             system.constraining, self.schemes,
             self._systems.at if isinstance(system, SparseSystem) else None,

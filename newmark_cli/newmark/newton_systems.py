@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse
 
-from newmark_cli.newmark.compiled_march import Engine
 from newmark_cli.newmark.constraints import Tangents
+from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
