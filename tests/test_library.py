@@ -259,8 +259,8 @@ def test_an_exception_in_a_callback_leaves_a_usable_trajectory(error):
     same((part.u, whole.u[:6]), (rest.u, whole.u[5:]))
 
 
-@each("linear_solver, steps", [("sparse-lu", 20), ("dense-lu", 16)])
-def test_an_exception_in_a_problem_leaves_what_was_marched(linear_solver, steps):
+@each("linear_solver", ["sparse-lu", "dense-lu"])
+def test_an_exception_in_a_problem_leaves_what_was_marched(linear_solver):
     """The user's error travels on; the state is that before the stretch that it ended."""
 
     def force(u, v, t):
@@ -272,9 +272,9 @@ def test_an_exception_in_a_problem_leaves_what_was_marched(linear_solver, steps)
     with pytest.raises(ZeroDivisionError) as caught:
         newmark.march(given, h=0.01, t_end=1.0, linear_solver=linear_solver)
     part = caught.value.trajectory
-    assert (part.status, part.steps) == ("interrupted", steps)
+    assert (part.status, part.steps) == ("interrupted", 20)
     assert np.all(np.isfinite(part.u))
-    well = newmark.march(double_pendulum(), h=0.01, steps=steps, linear_solver=linear_solver)
+    well = newmark.march(double_pendulum(), h=0.01, steps=20, linear_solver=linear_solver)
     same((part.u, well.u))
 
 
@@ -344,7 +344,7 @@ def test_an_interrupt_ends_functions_in_python_at_once():
     finally:
         signal.signal(signal.SIGINT, before)
     assert max(calls) < 0.32
-    assert caught.value.trajectory.steps == 16
+    assert caught.value.trajectory.steps == 20
 
 
 #: A point that is pulled out of its line of motion ever faster: λ and u overflow.

@@ -247,6 +247,8 @@ class March:
     @property
     def _longest(self) -> int:
         """Most steps between two signs of life."""
+        if not self.problem.compiled and self.solver != choice.GMRES:
+            return _STRETCH[choice.SPARSE]
         if self.solver != choice.STATIC:
             return _STRETCH[self.solver]
         system = self._systems.base
