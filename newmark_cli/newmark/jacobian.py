@@ -17,14 +17,6 @@ from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array, IndexArray
 
 
-def mass_matrix(problem: Problem) -> scipy.sparse.csr_array:
-    """M of a problem; shape (n, n)."""
-    pattern = problem.pattern
-    return scipy.sparse.csr_array(
-        (problem.mass_values, (pattern.mass_rows, pattern.mass_columns)), (problem.n, problem.n)
-    )
-
-
 def summed(slots: IndexArray, values: Array, size: int) -> Array:
     """(size,) sums of the values of each slot, added in their order."""
     return np.asarray(np.bincount(slots, weights=values, minlength=size), float)
@@ -44,7 +36,6 @@ class Jacobian:
         """Analyse the places; entries are in the order of the matrix when that is omitted."""
         self.problem, self.scheme = problem, scheme
         self.constraining = constraining_of(problem, scheme)
-        self.mass = mass_matrix(problem)
         n, m, tables = problem.n, problem.m, assembly.unscaled(scheme)
         self.size = assembly.unknowns(problem, scheme)
         fixed = assembly.constants(problem, tables)
@@ -86,10 +77,6 @@ class Jacobian:
         matrix = np.zeros((self.size, self.size))
         matrix[self.rows, self.columns] = entries
         return matrix
-
-    def times_mass(self, vector: Array) -> Array:
-        """M times (n,)."""
-        return np.asarray(self.mass @ vector)
 
     def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
         """J̄, the numbers that `solve` takes, without its zeros."""

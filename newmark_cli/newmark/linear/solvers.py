@@ -10,8 +10,8 @@ from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.scheme import Scheme, Schemes
 from newmark_cli.problems.problem import Problem
 
-#: J̄ of a scheme on a problem at any state: it times M, solved, as a matrix, and balanced at a
-#: state.  A formulation beside index 3, or a projection, needs its tangents.
+#: J̄ of a scheme on a problem at any state: solved, as a matrix, and balanced.  A formulation
+#: beside index 3, or a projection, needs its tangents.
 LinearSystem = DenseSystem | SparseSystem | StaticSystem
 #: Most systems of steps of other sizes that are kept.
 _MOST_KNOWN = 100

@@ -7,7 +7,6 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.newmark.constraints import Tangents
-from newmark_cli.newmark.jacobian import mass_matrix
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
@@ -215,7 +214,6 @@ class StaticSystem:
 
     def __init__(self, problem: Problem, scheme: Scheme) -> None:
         self.problem, self.scheme = problem, scheme
-        self.mass = mass_matrix(problem)
         self.elimination = StaticElimination(problem, scheme)
 
     @property
@@ -227,10 +225,6 @@ class StaticSystem:
     def pivoting(self) -> DenseSystem | SparseSystem:
         """The solver that exchanges rows."""
         return (DenseSystem if self.dense else SparseSystem)(self.problem, self.scheme)
-
-    def times_mass(self, vector: Array) -> Array:
-        """M times (n,)."""
-        return np.asarray(self.mass @ vector)
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
