@@ -13,7 +13,6 @@ from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Products
 from newmark_cli.newmark.linear.dense import dense_tables, no_tables
 from newmark_cli.newmark.linear.solvers import LinearSystem
-from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written.exchanges import Exchanges
 from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_generated
@@ -90,7 +89,8 @@ class Engine:
         static: Its static elimination; partial pivoting when omitted.
         constraining: The scheme's formulation, found anew when omitted.
         schemes: The scheme of each step; all are of one size when omitted.
-        system_at: The linear system of a step, counted from 1, if that is to solve in Python.
+        system_at: The linear system of a step, counted from 1, that is to solve in Python: all,
+            or what static elimination refuses; the kernel's dense one when omitted.
 
     Attributes:
         pivoted: Steps in which static elimination left a correction to partial pivoting.
@@ -110,9 +110,7 @@ class Engine:
         self.problem, self.scheme = problem, scheme
         self.schemes = schemes = schemes or Schemes.of(problem, scheme)
         self._constraining = constraining or constraining_of(problem, scheme)
-        self._is_dense = static.dense if static else system_at is None
-        if static and not static.dense:
-            system_at = self._pivoting_at
+        self._is_dense = system_at is None
         self._python = Callbacks(problem, scheme.dtype, system_at)
         self._functions: tuple[Any, Any] = problem.function, problem.derivatives
         if not problem.compiled:
@@ -144,13 +142,6 @@ class Engine:
         of_index_3 = self._constraining is None and not schemes.grid.varies
         exchanging = of_index_3 and problem.compiled and static is None and self._is_dense
         self.exchanges = Exchanges(problem, scheme, self._numbers.dense) if exchanging else None
-
-    def _pivoting_at(self, step: int) -> LinearSystem:
-        """What takes a correction that static elimination refuses and no dense matrix does."""
-        scheme = self.schemes.at(step)
-        if scheme is self.schemes.base and self.static:
-            return self.static.pivoting
-        return SparseSystem(self.problem, scheme)
 
     def _numbers_of(self, scheme: Scheme) -> _Numbers:
         """What a scheme tells the kernel; orders of elimination and P are reused."""

@@ -140,10 +140,11 @@ class March:
         )
         self._systems = solvers.Systems(self.solver, problem, self.schemes, krylov)
         system = self._systems.base
+        static = system if isinstance(system, StaticSystem) else None
+        dense = static.dense if static else not isinstance(system, SparseSystem)
         self._engine = engine.Engine(
-            problem, scheme, system if isinstance(system, StaticSystem) else None,
-            system.constraining, self.schemes,
-            self._systems.at if isinstance(system, SparseSystem) else None,
+            problem, scheme, static, system.constraining, self.schemes,
+            None if dense else self._systems.pivoting_at,
         )  # fmt: skip
         if state is None:
             self.state = initial_state(problem, self.schemes.at(1))

@@ -57,3 +57,8 @@ class Systems:
             if isinstance(new, KrylovSystem) and isinstance(self.base, KrylovSystem):
                 new.iterations, new.residuals = self.base.iterations, self.base.residuals
         return self._known[key]
+
+    def pivoting_at(self, step: int) -> LinearSystem:
+        """The same, or what takes the corrections that static elimination refuses."""
+        found = self.at(step)
+        return found.pivoting if isinstance(found, StaticSystem) else found
