@@ -164,8 +164,23 @@ def _substitute(lu, x):
 
 
 def _multiply(left, right, result):
-    for i in range(left.shape[0]):
-        for k in range(left.shape[1]):
+    rows, inner = left.shape
+    start = 0
+    if right.shape[1] == 1:
+        # Each sum waits for the term before; four at a time hide that.
+        for i in range(0, rows - 3, 4):
+            # Zeros of the arrays' type.
+            a, b, c, d = result[i, 0], result[i + 1, 0], result[i + 2, 0], result[i + 3, 0]
+            for k in range(inner):
+                factor = right[k, 0]
+                a += left[i, k] * factor
+                b += left[i + 1, k] * factor
+                c += left[i + 2, k] * factor
+                d += left[i + 3, k] * factor
+            result[i, 0], result[i + 1, 0], result[i + 2, 0], result[i + 3, 0] = a, b, c, d
+        start = rows - rows % 4
+    for i in range(start, rows):
+        for k in range(inner):
             factor = left[i, k]
             for j in range(right.shape[1]):
                 result[i, j] += factor * right[k, j]
