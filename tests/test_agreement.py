@@ -193,6 +193,7 @@ RIGHT = {
         for at in (0.0, 1e-6, 3e-6)
     },
     "table of forces": along_x(lambda x: -np.interp(x, NODES, HEIGHTS), slope_of_table),
+    "stairs": along_x(lambda x: -np.round(5 * x, 3), lambda x: 5.0),
     "iteration": along_x(
         lambda x: -kepler(x), lambda x: 1 / (1 - 0.3 * np.cos(kepler(x)))
     ),

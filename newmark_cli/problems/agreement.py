@@ -9,7 +9,7 @@ states in which the function has no value or no derivative decide nothing.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from newmark_cli.problems import user_code
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ContradictionError, Problem
-from newmark_cli.support.arrays import Array, Mask
+from newmark_cli.support.arrays import Array
 
 #: Ratio of a step to the next, and how many there are; the longest, relative to the
 #: coordinates, and the first that is tried.  No round numbers, lest they fit a period.
@@ -37,21 +37,15 @@ _NEAR, _MET = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8), 1e-9
 _State = tuple[float, Array, Array]
 
 
-class _Part(NamedTuple):
-    """A function of one number, whose derivative at 0 is asked for."""
-
-    function: Callable[[float], Any]
-    longest: float  #: the longest step
-
-
 class _Claim(NamedTuple):
-    """Given numbers, (k,), that should be the sums of the derivatives of the parts."""
+    """Given numbers, (k,), that should be the derivative of a function of one number at 0."""
 
     key: str
     given: Array
-    parts: Sequence[_Part]
+    function: Callable[[float], Any]
+    longest: float  #: the longest step
     nothing: Array  #: (k,) differences that do not count
-    places: Sequence[Sequence[int]]  #: of the numbers in what the function returns
+    places: Sequence[tuple[int, ...]]  #: of the numbers in what the user's function returns
     first: int = _FIRST  #: number of the step that is tried first
 
 
@@ -75,12 +69,11 @@ class Agreement:
         """
         with np.errstate(all="ignore"):
             states = [*self._states()]
-            for chosen in ((self._of_gradient,), (self._of_tangents, self._of_rows)):
+            for claims in (self._of_gradient, self._of_tangents, self._of_rows):
                 for state in states:
-                    for claims in chosen:
-                        for claim in claims(*state):
-                            if wrong := _contradicted(*claim[1:4], claim.first):
-                                self._refuse(claim, *wrong, self._where(state))
+                    for claim in claims(*state):
+                        if wrong := _contradicted(claim):
+                            self._refuse(claim, *wrong, self._where(state))
             for state in states:
                 self._require_energy(state)
 
@@ -105,36 +98,44 @@ class Agreement:
         """G is the derivative of Φ."""
         phi, sizes, g = self.functions["constraints"], _sizes(u), self._gradient(t, u)
         units, scaled = np.abs(g).max(axis=0), (np.abs(g) * sizes[:, None]).max(axis=0)
-        unit = np.minimum(units, scaled / sizes[:, None])
-        yield from _columns(
-            "gradient", g.T, lambda i: lambda s: phi(_moved(u, i, s), t), sizes, unit
-        )
+        nothing = _NOTHING * np.minimum(units, scaled / sizes[:, None])
+
+        def values(i: int, s: float) -> Any:
+            return phi(_moved(u, i, s), t)
+
+        for i, steps in enumerate(_steps(sizes)):
+            places = [(i, k) for k in range(self.problem.m)]
+            yield _Claim(
+                "gradient", g[i], partial(values, i), steps[0], nothing[i], places, steps[1]
+            )
 
     def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
         """X and Y are those of f + Gλ."""
         force, gradient = self.functions["force"], self.functions["gradient"]
         n, m, sizes = self.problem.n, self.problem.m, _sizes(u)
-        speeds = _sizes(v) if np.any(v) else sizes
         units = np.abs(self._gradient(t, u)).max(axis=0)
         load = float(np.abs(_value(n, force, u, v, t)).max())
         multipliers = np.linspace(1.0, 2.0, m) * (load or 1.0) / np.where(units > 0, units, 1.0)
 
-        def pull(j: int) -> Callable[[float], Any]:
-            def of(s: float) -> Any:
-                there = _moved(u, j, s)
-                return -(force(there, v, t) + gradient(there, t) @ multipliers)
+        def pull(j: int, s: float) -> Any:
+            there = _moved(u, j, s)
+            return -(force(there, v, t) + gradient(there, t) @ multipliers)
 
-            return of
+        def resistance(j: int, s: float) -> Any:
+            return -force(u, _moved(v, j, s), t)
 
-        if stiffness := self.restated.get("stiffness"):
-            x = _value(n * n, stiffness, u, v, multipliers, t).reshape(n, n)
-            yield from _columns("stiffness", x, pull, sizes, load / sizes.max())
-        if damping := self.restated.get("damping"):
-            y = _value(n * n, damping, u, v, t).reshape(n, n)
-            yield from _columns(
-                "damping", y, lambda j: lambda s: -force(u, _moved(v, j, s), t), speeds,
-                load / speeds.max(),
-            )  # fmt: skip
+        for key, arguments, function, largest in (
+            ("stiffness", (u, v, multipliers, t), pull, sizes),
+            ("damping", (u, v, t), resistance, _sizes(v) if np.any(v) else sizes),
+        ):
+            if key in self.restated:
+                matrix = _value(n * n, self.restated[key], *arguments).reshape(n, n)
+                size = max(float(np.abs(matrix).max()), load / largest.max())
+                for j, steps in enumerate(_steps(largest)):
+                    yield _Claim(
+                        key, matrix[:, j], partial(function, j), steps[0],
+                        np.full(n, _NOTHING * size), [(i, j) for i in range(n)], steps[1],
+                    )  # fmt: skip
 
     def _of_rows(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
         """Terms of Φ' and Φ''; what is not given of them follows from differences."""
@@ -143,37 +144,31 @@ class Agreement:
         w = size * np.random.default_rng(1).normal(size=n)
         units = np.abs(self._gradient(t, u)).max(axis=0)
         units *= 1 + (np.abs(v).max() / size) ** 2
-        in_time, along_v, along_w = (
-            _LONGEST * min(longest, size / float(np.abs(d).max()) if np.any(d) else 1.0)
-            for longest, d in ((1.0, 0 * v), (1.0, v), (np.inf, w))
-        )
+        at_pace = min(1.0, size / float(np.abs(v).max()) if np.any(v) else 1.0)
+        at_once = min(at_pace, size / float(np.abs(w).max()))
 
         def moving(s: float) -> Any:
             rate, _ = self.problem.constraint_derivatives(t + s, u + s * v, v)
             return gradient(u + s * v, t + s).T @ v + rate
 
         def turning(s: float) -> Any:
-            return self.problem.constraint_rows(t + s, u + s * v, v, 0 * v).r
+            r = self.problem.constraint_rows(t + s, u + s * v, v, 0 * v).r
+            return gradient(u + s * w, t) + r.reshape(n, m)
 
-        along = _Part(lambda s: gradient(u + s * v, t + s), along_v)
-        rows: dict[str, tuple[tuple[Any, ...], Sequence[_Part], tuple[int, ...]]] = {
-            "constraint_rate": ((u, t), [_Part(lambda s: phi(u, t + s), in_time)], (m,)),
-            "curvature": ((u, v, t), [_Part(moving, along_v)], (m,)),
-            "rate_gradient": ((u, v, t), [along], (n, m)),
-            "acceleration_gradient": (
-                (u, v, w, t),
-                [_Part(lambda s: gradient(u + s * w, t), along_w), _Part(turning, along_v)],
-                (n, m),
-            ),
+        rows: dict[str, tuple[tuple[Any, ...], Callable[[float], Any], float, tuple[int, ...]]] = {
+            "constraint_rate": ((u, t), lambda s: phi(u, t + s), 1.0, (m,)),
+            "curvature": ((u, v, t), moving, at_pace, (m,)),
+            "rate_gradient": ((u, v, t), lambda s: gradient(u + s * v, t + s), at_pace, (n, m)),
+            "acceleration_gradient": ((u, v, w, t), turning, at_once, (n, m)),
         }
-        for key, (arguments, parts, shape) in rows.items():
+        for key, (arguments, function, longest, shape) in rows.items():
             if key in self.restated:
-                values = _value(int(np.prod(shape)), self.restated[key], *arguments)
+                places = [*np.ndindex(shape)]
+                values = _value(len(places), self.restated[key], *arguments)
                 nothing = np.broadcast_to(units * (size if len(shape) == 1 else 1.0), shape)
                 yield _Claim(
-                    key, values, parts, _NOTHING * nothing.ravel(),
-                    [*np.ndindex(shape)],
-                )  # fmt: skip
+                    key, values, function, _LONGEST * longest, _NOTHING * nothing.ravel(), places
+                )
 
     def _require_energy(self, of: _State) -> None:
         """The energy changes by nothing but dissipation, where neither depends on time.
@@ -210,7 +205,8 @@ class Agreement:
         speed = float(np.abs(v).max())
         fastest = max(speed / _sizes(u).max(), np.abs(ahead).max() / (speed or 1.0)) or 1.0
         nothing = np.full(1, _TOLERANCE * load * speed)
-        if wrong := _contradicted(np.zeros(1), [_Part(change, _LONGEST / fastest)], nothing):
+        none = _Claim("energy", np.zeros(1), change, _LONGEST / fastest, nothing, [])
+        if wrong := _contradicted(none):
             raise ContradictionError(
                 f"{self.named('energy')} is not conserved {self._where(of)}: on a motion without "
                 f"dissipation it changes by {wrong[1]:.3g} in a second"
@@ -270,44 +266,30 @@ class Agreement:
 # -- one function of one number -------------------------------------------------------------
 
 
-def _columns(
-    key: str, matrix: Array, along: Callable[[int], Callable[[float], Any]], sizes: Array, unit: Any
-) -> Iterator[_Claim]:
-    """That each column of a matrix is the derivative of ``along(j)``.
-
-    For G, ``matrix`` is its transpose.  ``unit`` is the size of the derivatives to each
-    coordinate, by rows, that count at least.
-    """
-    transposed = key == "gradient"
-    size = 0.0 if transposed else float(np.abs(matrix).max())
-    nothing = _NOTHING * np.broadcast_to(np.maximum(size, unit), matrix.T.shape)
+def _steps(sizes: Array) -> Iterator[tuple[float, int]]:
+    """The longest step of each coordinate, (n,) sizes given, and the number of the first tried."""
     largest = float(sizes.max())
-    for j, own in enumerate(sizes.tolist()):
-        part = _Part(along(j), _LONGEST * largest)
-        first = _FIRST + round(np.log(largest / own) / np.log(_RATIO))
-        places = [(j, i) if transposed else (i, j) for i in range(len(matrix))]
-        yield _Claim(key, matrix[:, j], [part], nothing[j], places, first)
+    for own in sizes.tolist():
+        yield _LONGEST * largest, _FIRST + round(np.log(largest / own) / np.log(_RATIO))
 
 
-def _contradicted(
-    derivatives: Array, parts: Sequence[_Part], nothing: Array, first: int = _FIRST
-) -> tuple[int, float] | None:
+def _contradicted(claim: _Claim) -> tuple[int, float] | None:
     """The derivative that is most certainly wrong, and what it is; None where none is.
 
-    Arguments are as in `_Claim`.  Steps are numbered from the longest, 0.
+    Steps are numbered from the longest, 0.
     """
-    here = [_value(len(derivatives), part.function, 0.0) for part in parts]
-    quotients = np.full((_STEPS, 3, len(derivatives)), np.nan)
-    doubted = np.isfinite(derivatives)
+    given, first = claim.given, claim.first
+    here = _value(len(given), claim.function, 0.0)
+    quotients = np.full((_STEPS, 3, len(given)), np.nan)  # forward, backward and central
+    doubted, load = np.isfinite(given), np.abs(here) / claim.longest
     lengths = _RATIO ** -np.arange(float(_STEPS))[:, None]
-    load = np.sum([np.abs(at) / part.longest for part, at in zip(parts, here, strict=True)], axis=0)
     for number in sorted(range(_STEPS), key=lambda number: abs(number - first)):
-        quotients[number] = latest = sum(
-            _quotients(part, part.longest * _RATIO**-number, at)
-            for part, at in zip(parts, here, strict=True)
-        )
-        sizes = np.maximum(np.abs(derivatives), np.abs(latest))
-        confirmed = np.abs(latest - derivatives) <= _TOLERANCE * sizes + nothing
+        step = claim.longest * _RATIO**-number
+        ahead, behind = (_value(len(given), claim.function, shift) for shift in (step, -step))
+        forward, backward = (ahead - here) / step, (here - behind) / step
+        quotients[number] = latest = np.array([forward, backward, (forward + backward) / 2])
+        sizes = np.maximum(np.abs(given), np.abs(latest))
+        confirmed = np.abs(latest - given) <= _TOLERANCE * sizes + claim.nothing
         if number > first:  # the function may have changed by less than its rounding
             slope = np.nanmax(np.abs(quotients[first]), axis=0, initial=0.0)
             differences = np.abs(quotients) * lengths[:, :, None]
@@ -316,49 +298,25 @@ def _contradicted(
         doubted &= ~confirmed.any(axis=0)
         if not doubted.any():
             return None
-    return _settled(derivatives, doubted, quotients, load)
-
-
-def _settled(
-    derivatives: Array, doubted: Mask, quotients: Array, load: Array
-) -> tuple[int, float] | None:
-    """What `_contradicted` returns of quotients at all steps, none of which confirms a value.
-
-    Quotients are (steps, 3, k) forward, backward and central ones; the load is the (k,) size of
-    the function over the longest step.
-    """
-    forward, backward, central = quotients.swapaxes(0, 1)
+    central = quotients[:, 2]
     # Quotients of rounded numbers are 0 over short steps; others only if all are.
-    still = np.all((quotients == 0) | np.isnan(quotients), axis=(0, 1)) & doubted
-    still &= (np.isfinite(central).sum(axis=0) >= _IN_A_ROW) & (np.abs(derivatives) > 1e-6 * load)
-    if still.any():
-        return int(np.argmax(still)), 0.0
-    gap = forward - backward
-    bends = np.abs(gap[1:] - gap[:-1] / _RATIO)  # 0 but for rounding and high derivatives
-    away = np.abs(central - derivatives)
+    still = ~np.any(np.nan_to_num(quotients), axis=(0, 1)) & (np.abs(given) > 1e-6 * load)
+    away = np.abs(central - given)
     worst, answer = 0.0, None
     for begin in range(1, _STEPS - _IN_A_ROW + 1):
         row = slice(begin, begin + _IN_A_ROW)
         settled = central[begin + 1]
         least, smallest = (np.abs(x[row]).min(axis=0) for x in (away, central))
         varied = np.ptp(central[row], axis=0)
-        varied = np.maximum(varied, bends[begin - 1 : begin - 1 + _IN_A_ROW].max(axis=0))
-        wrong = (smallest > 0) & (varied <= _SETTLED * np.minimum(least, smallest)) & doubted
+        wrong = ((smallest > 0) | still) & (varied <= _SETTLED * least) & doubted
         # Longer steps see past backlash, and past the stairs that rounding makes.
-        farther = np.minimum(np.abs(central[:begin] - settled), np.abs(derivatives))
+        farther = np.minimum(np.abs(central[:begin] - settled), np.abs(given))
         wrong &= ~np.any(away[:begin] <= _NEARER * farther, axis=0)
         certainty = np.where(wrong, least / (varied + 1e-3 * least), 0.0)
         if (most := float(certainty.max())) > worst:
             k = int(np.argmax(certainty))
             worst, answer = most, (k, float(settled[k]))
     return answer
-
-
-def _quotients(part: _Part, step: float, here: Array) -> Array:
-    """(3, k) forward, backward and central difference quotient of a step."""
-    ahead, behind = (_value(len(here), part.function, shift) for shift in (step, -step))
-    forward, backward = (ahead - here) / step, (here - behind) / step
-    return np.array([forward, backward, (forward + backward) / 2])
 
 
 def _value(count: int, function: Callable[..., Any], *arguments: Any) -> Array:
