@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numba.core.dispatcher import Dispatcher
 
-from newmark_cli.problems import constraint_rows, differences, index_1, user_code
+from newmark_cli.problems import constraint_rows, differences, index_1, starting, user_code
 from newmark_cli.problems.agreement import Agreement
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError
 from newmark_cli.support import errors, files
@@ -124,16 +124,12 @@ def load(
             inconsistent start.
     """
     file = shown or str(path)
-    with _ran(path, file, "problem") as (module, source, imported):
-        if not callable(getattr(module, factory, None)):
-            raise ProblemError(f"{file}: has no function {factory!r}")
-        with _reported(path, file, f"{factory} failed: "):
-            definition = getattr(module, factory)(**arguments)
+    with _ran(path, file, "problem", factory) as (function, source, imported):
+        with _reported(file, f"{factory} failed: "):
+            definition = function(**arguments)
         beside = imported()
-    begin = _code(getattr(module, factory))
-    line = f", line {begin.co_firstlineno}" if _is_in(begin, path) else ""
-    with _reported(path, file):
-        problem = from_definition(definition, name, _Source(f"{file}{line}: {factory}", file, path))
+    with _reported(file):
+        problem = from_definition(definition, name, f"{_begin(function) or file}: {factory}")
     called = f"{factory}({', '.join(f'{key}={value!r}' for key, value in arguments.items())})"
     digest = hashlib.sha256(repr((called, source, beside)).encode())
     return replace(problem, code=digest.hexdigest(), sources={path.name: source, **beside})
@@ -141,18 +137,20 @@ def load(
 
 @contextmanager
 def _ran(
-    path: Path, file: str, kind: str
-) -> Iterator[tuple[Any, bytes, Callable[[], dict[str, bytes]]]]:
-    """Module and source of a file, and what returns those of the modules beside it."""
+    path: Path, file: str, kind: str, name: str
+) -> Iterator[tuple[Callable[..., Any], bytes, Callable[[], dict[str, bytes]]]]:
+    """A function of a file, its source, and what returns those of the modules beside it."""
     try:
         source = files.read(path, _MOST_BYTES, links=True)
     except OSError as error:
         raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_{kind}_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"
     with user_code.imports_from(path.parent, os.path.dirname(file)) as imported:
-        with _reported(path, file):
-            module = user_code.run(path, source, module_name, file)
-        yield module, source, imported
+        with _reported(file):
+            function = getattr(user_code.run(path, source, module_name), name, None)
+        if not callable(function):
+            raise ProblemError(f"{file}: has no function {name!r}")
+        yield function, source, imported
 
 
 def load_function(
@@ -170,17 +168,14 @@ def load_function(
     Raises:
         ProblemError: When the file or the function fails, or returns anything else.
     """
-    with _ran(path, shown, "forces") as (module, source, imported):
+    with _ran(path, shown, "forces", name) as (function, source, imported):
         beside = imported()
-    function = getattr(module, name, None)
-    if not callable(function):
-        raise ProblemError(f"{shown}: has no function {name!r}")
-    _, called = _called(function, arguments, name, _Source(shown, shown, path), shape)
+    _, called = _called(function, arguments, name, _Source(shown), shape)
     return called, {path.name: source, **beside}
 
 
 @contextmanager
-def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
+def _reported(file: str, what: str = "") -> Iterator[None]:
     """Errors of the user's code, an exit included, by the line that they come from."""
     try:
         yield
@@ -189,8 +184,8 @@ def _reported(path: Path, file: str, what: str = "") -> Iterator[None]:
     except BaseException as error:
         if user_code.is_interrupt(error):
             raise
-        where = _line(error, path)
-        raise ProblemError(f"{file}{where}: {what}{_describe(error)}") from None
+        where = ": ".join(user_code.raised_at(error) or [file])
+        raise ProblemError(f"{where}: {what}{_describe(error)}") from None
 
 
 @dataclass(frozen=True)
@@ -198,35 +193,27 @@ class _Source:
     """How errors name the user's code."""
 
     name: str  #: of the whole problem
-    file: str = ""  #: the path that errors show; empty if there is no file
-    path: Path = Path()
 
     def of(self, key: str, function: Any) -> str:
         """A function of the definition, by the line where it begins."""
-        code = _code(function)
-        if not self.file or not _is_in(code, self.path):
-            return f"{self.name}: {key}"
-        return f"{self.file}, line {code.co_firstlineno}: {key}"
+        return f"{_begin(function) or self.name}: {key}"
 
     def error(self, key: str, message: str, function: Any = None) -> ProblemError:
         """The error about an attribute of the definition."""
         return ProblemError(f"{self.of(key, function)} {message}")
 
 
-def _code(function: Any) -> Any:
-    """Code object behind a function, a method, or a compiled or partial function."""
+def _begin(function: Any) -> str:
+    """Where the code begins behind a function, a method, or a compiled or partial function."""
     for attribute in ("py_func", "func", "__func__"):
         function = getattr(function, attribute, function)
-    return getattr(function, "__code__", None)
+    code = getattr(function, "__code__", None)
+    return "" if code is None else user_code.line(code.co_filename, code.co_firstlineno)
 
 
-def _is_in(code: Any, path: Path) -> bool:
-    return code is not None and code.co_filename == str(path)
-
-
-def from_definition(definition: Any, name: str, where: str | _Source = "problem") -> Problem:
-    """Problem from a `Definition` or anything with its attributes."""
-    source = where if isinstance(where, _Source) else _Source(where)
+def from_definition(definition: Any, name: str, where: str = "problem") -> Problem:
+    """Problem from a `Definition` or anything with its attributes, which errors name."""
+    source = _Source(where)
     needed = ("mass_matrix", "u0", "v0", *_FUNCTIONS)
     if missing := ", ".join(key for key in needed if not hasattr(definition, key)):
         raise ProblemError(
@@ -277,7 +264,8 @@ def from_definition(definition: Any, name: str, where: str | _Source = "problem"
     restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
     Agreement(problem, functions, restated, lambda key: source.of(key, chosen[key])).require()
     _require_quadratic(problem, functions, source, chosen["constraints"])
-    _require_consistent(problem, gradient, source)
+    if found := starting.missed(problem, u0, v0):
+        raise source.error(found[0], f"violates the constraints: {found[1]}")
     return problem
 
 
@@ -418,18 +406,6 @@ def _require_quadratic(
             raise source.error("constraints", "are declared quadratic, but depend on t", function)
 
 
-def _require_consistent(problem: Problem, gradient: Array, source: _Source) -> None:
-    phi = problem.constraint_values(problem.t0, problem.u0)
-    rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
-    misfit = gradient.T @ problem.v0 + rate
-    size = float(np.abs(gradient).max())
-    if np.abs(phi).max() > _CONSISTENCY * size * max(np.abs(problem.u0).max(), 1e-300):
-        raise source.error("u0", f"violates the constraints by {np.abs(phi).max():.3g}")
-    speed = max(float(np.abs(problem.v0).max()), float(np.abs(rate).max()) / size, 1e-300)
-    if np.abs(misfit).max() > _CONSISTENCY * size * speed:
-        raise source.error("v0", f"violates the constraints by {np.abs(misfit).max():.3g}")
-
-
 def _called(
     function: Any,
     arguments: tuple[Any, ...],
@@ -447,8 +423,8 @@ def _called(
     except BaseException as error:  # an exit included
         if user_code.is_interrupt(error):
             raise
-        where = _line(error, source.path) if source.file else ""
-        name = f"{source.file}{where}: {key}" if where else source.of(key, function)
+        where = ": ".join(user_code.raised_at(error))
+        name = f"{where}: {key}" if where else source.of(key, function)
         raise ProblemError(f"{name} failed: {_describe(error)}") from None
     value = _array(result, key, "returned {value}, expected {expected}", source, shape, function)
     if not np.all(np.isfinite(value)):
@@ -530,21 +506,3 @@ def _described(value: Any) -> str:
 
 def _describe(error: BaseException) -> str:
     return errors.described(error)[:300]
-
-
-def _line(error: BaseException, path: Path) -> str:
-    """Line of the user's file that an error came from, and that of a module beside it."""
-    places = []
-    frame = error.__traceback__
-    while frame is not None:
-        places.append((frame.tb_frame.f_code.co_filename, frame.tb_lineno))
-        frame = frame.tb_next
-    if isinstance(error, SyntaxError) and error.filename and error.lineno:
-        places.append((error.filename, error.lineno))
-    own = [i for i, (file, _) in enumerate(places) if file == str(path)]
-    if not own:
-        return ""
-    folder = str(path.parent.absolute()) + os.sep
-    beside = [(file, line) for file, line in places[own[-1] + 1 :] if file.startswith(folder)]
-    where = f", line {places[own[-1]][1]}"
-    return where + "".join(f": {file[len(folder) :]}, line {line}" for file, line in beside[-1:])

@@ -36,8 +36,11 @@ def started(problem: Problem, u0: Array, v0: Array, project: bool = False) -> Pr
     """
     if project:
         u0, v0 = _projected(problem, u0, v0)
-    else:
-        _require(problem, u0, v0)
+    elif found := missed(problem, u0, v0):
+        raise ArgumentError(
+            f"{found[0]} misses the constraints: {found[1]}; correct it, or let project=True "
+            "replace it by the nearest that fits"
+        )
     return replace(problem, u0=u0, v0=v0)
 
 
@@ -98,38 +101,35 @@ def _projected(problem: Problem, u0: Array, v0: Array) -> tuple[Array, Array]:
         raise ArgumentError(
             "u0 cannot be projected onto the constraints: they depend on each other on the way"
         )
-    missed = _distances(problem, u)
-    worst = int(np.argmax(missed))
-    if missed[worst] > TOLERANCE * float(np.abs(u).max()):
+    away = _distances(problem, u)
+    worst = int(np.argmax(away))
+    if away[worst] > TOLERANCE * float(np.abs(u).max()):
         raise ArgumentError(
             "u0 cannot be projected onto the constraints: "
-            f"{problem.constraint_names[worst]} is still missed by {missed[worst]:.3g}; "
+            f"{problem.constraint_names[worst]} is still missed by {away[worst]:.3g}; "
             "give a position that is closer to them"
         )
     return u, v
 
 
-def _require(problem: Problem, u0: Array, v0: Array) -> None:
-    missed = _distances(problem, u0)
-    worst = int(np.argmax(missed))
-    if missed[worst] > TOLERANCE * float(np.abs(u0).max()):
+def missed(problem: Problem, u0: Array, v0: Array) -> tuple[str, str] | None:
+    """Which of u0, v0 (n,) does not meet the constraints, and by how much; None if both do."""
+    away = _distances(problem, u0)
+    worst = int(np.argmax(away))
+    if away[worst] > TOLERANCE * float(np.abs(u0).max()):
         phi = problem.constraint_values(problem.t0, u0)
-        raise ArgumentError(
-            f"u0 misses the constraints: max |Φ| = {np.abs(phi).max():.3g}, by "
-            f"{missed[worst]:.3g} at {problem.constraint_names[worst]}; correct it, or let "
-            "project=True replace it by the nearest that fits"
-        )
+        text = f"max |Φ| = {np.abs(phi).max():.3g}, by {away[worst]:.3g}"
+        return "u0", f"{text} at {problem.constraint_names[worst]}"
     gradient, lengths = _gradient(problem, u0)
     rate, _ = problem.constraint_derivatives(problem.t0, u0, v0)
     misfit = np.asarray(gradient.T @ v0 + rate)
     speed = max(float(np.abs(v0).max()), float(np.abs(rate / lengths).max()))
     worst = int(np.argmax(np.abs(misfit) / lengths))
     if abs(misfit[worst]) > TOLERANCE * lengths[worst] * speed:
-        raise ArgumentError(
-            f"v0 misses the constraints: max |Gᵀv + Φ_t| = {np.abs(misfit).max():.3g}, by "
-            f"{abs(misfit[worst]) / lengths[worst]:.3g} at {problem.constraint_names[worst]}; "
-            "correct it, or let project=True replace it by the nearest that fits"
-        )
+        away = abs(misfit[worst]) / lengths[worst]
+        text = f"max |Gᵀv + Φ_t| = {np.abs(misfit).max():.3g}, by {away:.3g}"
+        return "v0", f"{text} at {problem.constraint_names[worst]}"
+    return None
 
 
 def _distances(problem: Problem, u: Array) -> Array:
