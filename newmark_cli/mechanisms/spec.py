@@ -194,8 +194,7 @@ class Code(_Loaded):
         """The problem in a process of its own, elsewhere its description from one.
 
         Raises:
-            ProblemError: When the code fails, is another, ends its process, or returns
-                nonsense.
+            ProblemError: When the code fails, is another, or ends its process.
         """
         if apart.inside():
             return _run(self)
@@ -253,13 +252,9 @@ def _unpacked(spec: Code) -> Iterator[Code]:
 
 def _described(spec: Code, reading: str | None = None, timeout: float | None = None) -> Problem:
     try:
-        problem = apart.call(_description, (spec.pinned(),), timeout, owner=reading)
+        problem: Problem = apart.call(_description, (spec.pinned(),), timeout, owner=reading)
     except apart.ApartError as error:
         raise ProblemError(f"{spec.named}: cannot be loaded: {error}") from None
-    if not isinstance(problem, Problem):
-        raise ProblemError(
-            f"{spec.named}: cannot be loaded: returned something that is not a problem"
-        )
     return problem
 
 

@@ -112,15 +112,13 @@ def perform_apart(
     assert isinstance(problem, Code)
     start = time.perf_counter()
     try:
-        done = apart.call(perform, (task,), timeout, problem.reading or None, stopped)
+        done: Done = apart.call(perform, (task,), timeout, problem.reading or None, stopped)
+        return done
     except apart.TookLonger:
         assert timeout is not None
         return Done(overtime(timeout), timeout)
     except apart.ApartError as error:
         return Done(failed(str(error)), time.perf_counter() - start)
-    if not isinstance(done, Done):
-        return Done(failed("returned something that is not a result"), time.perf_counter() - start)
-    return done
 
 
 @contextmanager

@@ -8,6 +8,7 @@ change.  Where a process cannot go on, the next call starts another.
 
 import atexit
 import contextlib
+import math
 import multiprocessing
 import os
 import pickle
@@ -85,29 +86,25 @@ def call(
     except BaseException:
         process.end()
         raise
-    _put_back(owner, process)
+    if owner is None:
+        process.end()
+    else:
+        with _guard:
+            _waiting.append((owner, process))
+            while len(_waiting) > usable():
+                _waiting.pop(0)[1].end()
     if succeeded:
         return result
-    raise result if isinstance(result, InputError) else ApartError(str(result))
+    raise result if isinstance(result, InputError) else ApartError(result)
 
 
 def _taken(owner: Hashable) -> "_Process | None":
     with _guard:
-        for place, (theirs, process) in enumerate(_waiting):
-            if owner is not None and theirs == owner:
-                del _waiting[place]
-                return process if process.alive else None
+        for pair in _waiting:
+            if pair[0] == owner:
+                _waiting.remove(pair)
+                return pair[1] if pair[1].alive else None
     return None
-
-
-def _put_back(owner: Hashable, process: "_Process") -> None:
-    if owner is None:
-        process.end()
-        return
-    with _guard:
-        _waiting.append((owner, process))
-        while len(_waiting) > usable():
-            _waiting.pop(0)[1].end()
 
 
 @atexit.register  # before `multiprocessing` waits for what it has started
@@ -134,30 +131,29 @@ class _Process:
         self, request: bytes, timeout: float | None, stopped: Callable[[], bool]
     ) -> tuple[bool, Any]:
         """Whether a call succeeds, and its result or error."""
-        until, answer = None, _BEGUN
+        until, answer = math.inf, _BEGUN
         try:
             self._connection.send_bytes(request)
             while answer == _BEGUN:
                 while not wait([self._connection, self._process.sentinel], _LOOK):
                     if stopped():
                         raise Stopped
-                    if until is not None and time.monotonic() > until:
+                    if time.monotonic() > until:
                         raise TookLonger(f"took longer than {timeout:g} s")
-                if not self._connection.poll():
+                if not self._connection.poll():  # what the code has started may hold it open
                     raise EOFError
                 answer = self._connection.recv_bytes()
-                until = None if timeout is None else time.monotonic() + timeout
+                until = time.monotonic() + (math.inf if timeout is None else timeout)
         except (EOFError, OSError):
             self._process.join(_PATIENCE)
             code = -signal.SIGKILL if self.alive else self._process.exitcode
             raise ApartError(f"its process ended with code {code}") from None
         try:
             succeeded, result = pickle.loads(answer)
-        except Exception as error:
-            raise ApartError(
-                f"returned something that cannot be read: {described(error)}"
-            ) from None
-        return bool(succeeded), result
+        except Exception as error:  # of a class in the user's code
+            text = f"returned something that cannot be read: {described(error)}"
+            raise ApartError(text) from None
+        return succeeded, result
 
     def end(self) -> None:
         """End the process at once, whatever it does."""
@@ -202,7 +198,17 @@ def _work(connection: Connection, environment: dict[str, str]) -> None:
     exit_now = os._exit  # whatever becomes of the name
     try:
         while True:
-            answer = _answered(connection.recv_bytes(), connection)
+            request = connection.recv_bytes()
+            try:
+                function, arguments = pickle.loads(request)
+                connection.send_bytes(_BEGUN)
+                answer = pickle.dumps((True, function(*arguments)))
+            except InputError as error:
+                # Dask teaches pickle to take these along; they may be of what cannot be pickled.
+                error.__cause__ = error.__context__ = error.__traceback__ = None
+                answer = pickle.dumps((False, error))
+            except BaseException as error:
+                answer = pickle.dumps((False, described(error)))
             for stream in (sys.stdout, sys.stderr):
                 with contextlib.suppress(Exception):
                     stream.flush()
@@ -213,24 +219,8 @@ def _work(connection: Connection, environment: dict[str, str]) -> None:
         exit_now(1)
 
 
-def _answered(request: bytes, connection: Connection) -> bytes:
-    try:
-        function, arguments = pickle.loads(request)
-        connection.send_bytes(_BEGUN)
-        return pickle.dumps((True, function(*arguments)))
-    except InputError as error:
-        # Dask teaches pickle to take these along, and they may be of what cannot be pickled.
-        error.__cause__ = error.__context__ = error.__traceback__ = None
-        return pickle.dumps((False, error))
-    except BaseException as error:
-        return pickle.dumps((False, described(error)))
-
-
 def _leave_signals_to_parent() -> None:
-    """Outlive what ends a command: a terminal or a batch system signals all its processes.
-
-    Processes that the called code starts do not inherit this.
-    """
+    """Outlive what ends a command: a terminal or a batch system signals all its processes."""
     for number in interrupts.NAMES:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, lambda number, frame: None)
