@@ -41,10 +41,10 @@ def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
     """
 
     def code(problem: Problem, pushes: Sequence[Push]) -> Problem:
-        from newmark_cli.problems import python_forces
+        from newmark_cli.problems import python_problem
 
         assert folder is not None
-        return python_forces.pushed(problem, pushes, folder, os.path.dirname(file.name))
+        return python_problem.pushed(problem, pushes, folder, os.path.dirname(file.name))
 
     problem = built(name, file.document(), None if folder is None else code)
     return replace(problem, sources={Path(file.name).name: file.content, **problem.sources})

@@ -337,7 +337,7 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force in Python on points of a mechanism, see `python_forces`."""
+    """A force in Python on points of a mechanism, see `python_problem.pushed`."""
 
     python: str  #: ``file:function``, as in the mechanism
     coordinates: Sequence[int]  #: (c,) coordinates that the points depend on

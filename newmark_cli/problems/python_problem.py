@@ -5,7 +5,7 @@ A config names a file and a factory in it,
     problem: {python: "car_axis.py:car_axis", args: {rigidity: 1.0}}
 
 and the factory returns a `Definition`, or anything with its attributes.  Code runs
-only with ``--allow-code``.
+only with ``--allow-code``.  So do forces in Python on points of a mechanism.
 """
 
 import hashlib
@@ -22,9 +22,10 @@ from numba.core.dispatcher import Dispatcher
 
 from newmark_cli.problems import constraint_rows, differences, index_1, starting, user_code
 from newmark_cli.problems.agreement import Agreement
-from newmark_cli.problems.problem import Pattern, Problem, ProblemError
+from newmark_cli.problems.problem import Pattern, Problem, ProblemError, Push
 from newmark_cli.support import errors, files
 from newmark_cli.support.arrays import Array
+from newmark_cli.support.cached_code import cached_njit
 
 _CONSISTENCY = 1e-9
 #: Largest Python file that is read (bytes).
@@ -153,27 +154,6 @@ def _ran(
         yield function, source, imported
 
 
-def load_function(
-    path: Path, name: str, shown: str, arguments: tuple[Any, ...], shape: tuple[int, ...]
-) -> tuple[Callable[..., Any], dict[str, bytes]]:
-    """A function of a Python file, and what the file and the modules beside it say.
-
-    Args:
-        path: The file.
-        name: The function, which returns an array of this shape for the arguments at the start.
-        shown: The path in errors.
-        arguments: These arguments.
-        shape: That shape.
-
-    Raises:
-        ProblemError: When the file or the function fails, or returns anything else.
-    """
-    with _ran(path, shown, "forces", name) as (function, source, imported):
-        beside = imported()
-    _, called = _called(function, arguments, name, _Source(shown), shape)
-    return called, {path.name: source, **beside}
-
-
 @contextmanager
 def _reported(file: str, what: str = "") -> Iterator[None]:
     """Errors of the user's code, an exit included, by the line that they come from."""
@@ -185,22 +165,12 @@ def _reported(file: str, what: str = "") -> Iterator[None]:
         if user_code.is_interrupt(error):
             raise
         where = ": ".join(user_code.raised_at(error) or [file])
-        raise ProblemError(f"{where}: {what}{_describe(error)}") from None
+        raise ProblemError(f"{where}: {what}{errors.described(error)[:300]}") from None
 
 
-@dataclass(frozen=True)
-class _Source:
-    """How errors name the user's code."""
-
-    name: str  #: of the whole problem
-
-    def of(self, key: str, function: Any) -> str:
-        """A function of the definition, by the line where it begins."""
-        return f"{_begin(function) or self.name}: {key}"
-
-    def error(self, key: str, message: str, function: Any = None) -> ProblemError:
-        """The error about an attribute of the definition."""
-        return ProblemError(f"{self.of(key, function)} {message}")
+def _error(where: str, key: str, message: str, function: Any = None) -> ProblemError:
+    """The error about an attribute of a definition, by the line where it begins."""
+    return ProblemError(f"{_begin(function) or where}: {key} {message}")
 
 
 def _begin(function: Any) -> str:
@@ -211,14 +181,11 @@ def _begin(function: Any) -> str:
     return "" if code is None else user_code.line(code.co_filename, code.co_firstlineno)
 
 
-def from_definition(definition: Any, name: str, where: str = "problem") -> Problem:
-    """Problem from a `Definition` or anything with its attributes, which errors name."""
-    source = _Source(where)
+def from_definition(definition: Any, name: str, source: str = "problem") -> Problem:
+    """Problem from a `Definition` or anything with its attributes; errors name its source."""
     needed = ("mass_matrix", "u0", "v0", *_FUNCTIONS)
     if missing := ", ".join(key for key in needed if not hasattr(definition, key)):
-        raise ProblemError(
-            f"{source.name} returned {_described(definition)}, which lacks {missing}"
-        )
+        raise ProblemError(f"{source} returned {_described(definition)}, which lacks {missing}")
     u0 = _attribute(definition.u0, "u0", source, None)
     n = len(u0)
     v0 = _attribute(definition.v0, "v0", source, (n,))
@@ -262,20 +229,22 @@ def from_definition(definition: Any, name: str, where: str = "problem") -> Probl
         else "differences",
     )
     restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
-    Agreement(problem, functions, restated, lambda key: source.of(key, chosen[key])).require()
+    Agreement(
+        problem, functions, restated, lambda key: f"{_begin(chosen[key]) or source}: {key}"
+    ).require()
     _require_quadratic(problem, functions, source, chosen["constraints"])
     if found := starting.missed(problem, u0, v0):
-        raise source.error(found[0], f"violates the constraints: {found[1]}")
+        raise _error(source, found[0], f"violates the constraints: {found[1]}")
     return problem
 
 
 def _used(
-    chosen: Mapping[str, Any], u: Array, v: Array, t: float, source: _Source
+    chosen: Mapping[str, Any], u: Array, v: Array, t: float, source: str
 ) -> tuple[dict[str, Any], Array]:
     """Functions of a definition, made to return arrays, and G at the start."""
     for key, function in chosen.items():
         if not (callable(function) or (function is None and key not in _FUNCTIONS)):
-            raise source.error(key, f"must be a function, given {_described(function)}")
+            raise _error(source, key, f"must be a function, given {_described(function)}")
     phi, constraints = _called(chosen["constraints"], (u, t), "constraints", source, None)
     used, values = {"constraints": constraints}, {}
     for key, (arguments, shape) in _calls(u, v, t, len(phi)).items():
@@ -284,39 +253,39 @@ def _used(
     return used, values["gradient"]
 
 
-def _require_regular(mass: Array, gradient: Array, source: _Source, function: Any) -> None:
+def _require_regular(mass: Array, gradient: Array, source: str, function: Any) -> None:
     """M and G that determine accelerations at the start."""
     if not np.allclose(mass, mass.T):
-        raise source.error("mass_matrix", "must be symmetric")
+        raise _error(source, "mass_matrix", "must be symmetric")
     inertia = np.linalg.eigvalsh(mass)
     if inertia[-1] <= 0 or inertia[0] < -1e-13 * inertia[-1]:
-        raise source.error("mass_matrix", "must be positive: it has a negative eigenvalue, or is 0")
+        raise _error(
+            source, "mass_matrix", "must be positive: it has a negative eigenvalue, or is 0"
+        )
     m = gradient.shape[1]
     if m == 0 or np.linalg.matrix_rank(gradient) < m:
         text = f"has a rank below {m} at the start: constraints are redundant"
-        raise source.error("gradient", text, function)
+        raise _error(source, "gradient", text, function)
     if inertia[0] <= 1e-13 * inertia[-1] and index_1.weightless(mass, gradient).size:
-        raise source.error(
-            "mass_matrix", "is singular on motions that the constraints allow: at the start the "
-            "accelerations are not determined",
-        )  # fmt: skip
+        text = "is singular on motions that the constraints allow: at the start the accelerations "
+        raise _error(source, "mass_matrix", text + "are not determined")
 
 
-def _names(definition: Any, key: str, count: int, source: _Source) -> tuple[str, ...]:
+def _names(definition: Any, key: str, count: int, source: str) -> tuple[str, ...]:
     """Names that a definition gives; none where it gives none."""
     names = getattr(definition, key, None)
     if names is None:
         return ()
     if isinstance(names, str) or not isinstance(names, Iterable):
-        raise source.error(key, f"must be a list of {count} names, given {_described(names)}")
+        raise _error(source, key, f"must be a list of {count} names, given {_described(names)}")
     names = tuple(names)
     if len(names) != count:
-        raise source.error(key, f"must be {count} names, given {len(names)}")
+        raise _error(source, key, f"must be {count} names, given {len(names)}")
     for place, name in enumerate(names):
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise source.error(key, f"must be text: name {place + 1} is {_described(name)}")
+            raise _error(source, key, f"must be text: name {place + 1} is {_described(name)}")
         if name in names[:place]:
-            raise source.error(key, f"must all be different: {name!r} is given twice")
+            raise _error(source, key, f"must all be different: {name!r} is given twice")
     return names
 
 
@@ -385,7 +354,7 @@ def _potential(
 
 
 def _require_quadratic(
-    problem: Problem, functions: Mapping[str, Any], source: _Source, function: Any
+    problem: Problem, functions: Mapping[str, Any], source: str, function: Any
 ) -> None:
     """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ, if declared so."""
     u, t = problem.u0, problem.t0
@@ -401,16 +370,16 @@ def _require_quadratic(
         )
         size = float(np.abs(expected).max() + np.abs(begin).max() + np.abs(end).max())
         if np.abs(end - begin - expected).max() > _CONSISTENCY * size:
-            raise source.error("constraints", "are declared quadratic, but are not", function)
+            raise _error(source, "constraints", "are declared quadratic, but are not", function)
         if np.abs(later - end).max() > _CONSISTENCY * size:
-            raise source.error("constraints", "are declared quadratic, but depend on t", function)
+            raise _error(source, "constraints", "are declared quadratic, but depend on t", function)
 
 
 def _called(
     function: Any,
     arguments: tuple[Any, ...],
     key: str,
-    source: _Source,
+    source: str,
     shape: tuple[int, ...] | None,
 ) -> tuple[Array, Callable[..., Any]]:
     """Result of a function at the start, and the function that returns it as an array.
@@ -423,12 +392,11 @@ def _called(
     except BaseException as error:  # an exit included
         if user_code.is_interrupt(error):
             raise
-        where = ": ".join(user_code.raised_at(error))
-        name = f"{where}: {key}" if where else source.of(key, function)
-        raise ProblemError(f"{name} failed: {_describe(error)}") from None
+        where = ": ".join(user_code.raised_at(error)) or _begin(function) or source
+        raise ProblemError(f"{where}: {key} failed: {errors.described(error)[:300]}") from None
     value = _array(result, key, "returned {value}, expected {expected}", source, shape, function)
     if not np.all(np.isfinite(value)):
-        raise source.error(key, f"is not finite at the start: {_place_of(value)}", function)
+        raise _error(source, key, f"is not finite at the start: {_place_of(value)}", function)
     if isinstance(result, np.ndarray) or shape == ():
         return value, function
     return value, _converting(function)
@@ -446,11 +414,11 @@ def _converting(function: Callable[..., Any]) -> Callable[..., Array]:
     return lambda *arguments: _numbers(function(*arguments))
 
 
-def _attribute(value: Any, key: str, source: _Source, shape: tuple[int, ...] | None) -> Array:
+def _attribute(value: Any, key: str, source: str, shape: tuple[int, ...] | None) -> Array:
     """An attribute as an array of its own; any length if the shape is None."""
     array = _array(value, key, "must be {expected}, given {value}", source, shape)
     if not np.all(np.isfinite(array)):
-        raise source.error(key, f"must be finite: {_place_of(array)}")
+        raise _error(source, key, f"must be finite: {_place_of(array)}")
     return array.copy(order="C")
 
 
@@ -458,7 +426,7 @@ def _array(
     value: Any,
     key: str,
     complaint: str,
-    source: _Source,
+    source: str,
     shape: tuple[int, ...] | None,
     function: Any = None,
 ) -> Array:
@@ -473,7 +441,7 @@ def _array(
         described = f"{described} of shape {array.shape}" if array.ndim else described
     except (TypeError, ValueError):
         pass
-    raise source.error(key, complaint.format(value=described, expected=expected), function)
+    raise _error(source, key, complaint.format(value=described, expected=expected), function)
 
 
 def _numbers(value: Any) -> Array:
@@ -504,5 +472,94 @@ def _described(value: Any) -> str:
     return f"{'an' if name[0] in 'aeiouAEIOU' else 'a'} {name}"
 
 
-def _describe(error: BaseException) -> str:
-    return errors.described(error)[:300]
+# -- forces on mechanisms ----------------------------------------------------------------
+
+
+def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, shown_folder: str) -> Problem:
+    """The mechanism with forces in Python, whose files are looked for in a folder.
+
+    A function of the user's, compiled by numba or not,
+
+        def drag(positions, velocities, t):
+            return -0.3 * velocities
+
+    is handed the places (m) and velocities (m/s) of k points, (k, 2) each, and the time (s), and
+    returns the forces on them (N), (k, 2).  Its tangents are found by differences.
+
+    Raises:
+        ProblemError: When a file or a function fails, or does not return k forces.
+    """
+    code, sources = "", dict[str, bytes]()
+    for push in pushes:
+        file, _, name = push.python.rpartition(":")
+        path, shown = folder / file, os.path.join(shown_folder, file)
+        with _ran(path, shown, "forces", name) as (function, source, imported):
+            contents = {path.name: source, **imported()}
+        own = list(push.coordinates)
+        start = _places(problem.u0[own], push.weights, push.offsets)
+        speed = _places(problem.v0[own], push.weights, 0 * push.offsets)
+        _, function = _called(function, (start, speed, problem.t0), name, shown, start.shape)
+        named = {os.path.normpath(os.path.join(file, "..", key)): x for key, x in contents.items()}
+        code += repr((push.python, named))
+        sources |= named
+        problem = _with(problem, push, function)
+    return replace(problem, code=hashlib.sha256(code.encode()).hexdigest(), sources=sources)
+
+
+def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem:
+    """The problem with one force more, whose tangents stand behind those that it has."""
+    compiled = problem.compiled and isinstance(function, Dispatcher)
+    compile_ = njit if compiled else differences.as_it_is
+    own, weights = np.array(push.coordinates, np.int64), np.ascontiguousarray(push.weights)
+    offsets, at_rest = push.offsets, 0 * push.offsets
+    pattern, before, copy = problem.pattern, problem.function, differences.copying(compile_).matrix
+    first_x, first_y = len(pattern.x_rows), len(pattern.y_rows)
+
+    def evaluate(  # type: ignore[no-untyped-def]
+        t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
+    ):
+        before(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
+        step, pace = differences.steps_of_tangents(u, v)
+        us, vs = differences.states_around(u[own], v[own], True, True, step, pace)
+        forces, loads = np.zeros(us.shape), np.empty((len(offsets) // 2, 2))
+        for k in range(us.shape[0]):
+            places = _places(us[k], weights, offsets)
+            copy(function(places, _places(vs[k], weights, at_rest), t), loads)
+            _add(loads, weights, forces[k])
+        force[own] += forces[0]
+        differences.take_tangents(
+            forces, True, True, step, pace, x_values[first_x:], y_values[first_y:]
+        )
+
+    rows, columns = (own[index.ravel()] for index in np.indices((len(own), len(own))))
+    return replace(
+        problem,
+        function=compile_(evaluate),
+        pattern=pattern._replace(
+            x_rows=np.concatenate([pattern.x_rows, rows]),
+            x_columns=np.concatenate([pattern.x_columns, columns]),
+            y_rows=np.concatenate([pattern.y_rows, rows]),
+            y_columns=np.concatenate([pattern.y_columns, columns]),
+        ),
+        compiled=compiled,
+        single=False,
+        potential=None,
+    )
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _places(q, weights, offsets):  # type: ignore[no-untyped-def]
+    """(k, 2) places of the points at coordinates q, or with no offsets their velocities."""
+    places = offsets.copy()
+    for i in range(weights.shape[0]):
+        for j in range(q.shape[0]):
+            places[i] += weights[i, j] * q[j]
+    return places.reshape(-1, 2)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _add(loads, weights, forces):  # type: ignore[no-untyped-def]
+    """Generalised forces (c,) of loads (k, 2)."""
+    for j in range(forces.shape[0]):
+        for i in range(loads.shape[0]):
+            forces[j] += weights[2 * i, j] * loads[i, 0] + weights[2 * i + 1, j] * loads[i, 1]
