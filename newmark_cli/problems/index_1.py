@@ -9,6 +9,7 @@ norm of M, that meets Φ = 0 and Φ' = 0.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array
@@ -18,8 +19,6 @@ from newmark_cli.problems.algebra import Factors, product, solver
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
-#: A linear map of vectors (n + m,).
-_Map = Callable[[Array], Array]
 #: Least eigenvalue of M on free motions, relative to the largest, with which it is regular.
 _NO_INERTIA = 1e-13
 
@@ -149,34 +148,20 @@ class Index1:
         entries: Array = np.bincount(
             self._slots, np.concatenate([self._mass, -g, g]), len(self._rows)
         ).astype(float, copy=False)
-        times, solve = (self._dense if self._size <= algebra.DENSE_UP_TO else self._sparse)(entries)
+        matrix: Any = csc_array((entries, self._rows, self._starts), (self._size, self._size))
+        if self._size <= algebra.DENSE_UP_TO:
+            matrix = matrix.toarray()
+        elif not np.all(np.isfinite(entries)):  # which SuperLU is not made for
+            return lambda rhs: np.full_like(rhs, np.nan)
+        try:
+            dense = isinstance(matrix, np.ndarray)
+            solve = Factors(matrix).solve if dense else solver(matrix)
+        except np.linalg.LinAlgError as error:
+            raise np.linalg.LinAlgError("the index-1 matrix is singular") from error
 
         def refined(rhs: Array) -> Array:
             solution = solve(rhs)
-            return solution + solve(rhs - times(solution))
+            times = product(matrix, solution) if dense else matrix @ solution
+            return solution + solve(rhs - times)
 
         return refined
-
-    def _dense(self, entries: Array) -> tuple[_Map, _Map]:
-        """Products with the matrix, and with its inverse."""
-        matrix = np.zeros((self._size, self._size))
-        matrix[self._rows, self._columns] = entries
-        try:
-            factors = Factors(matrix)
-        except np.linalg.LinAlgError:
-            raise np.linalg.LinAlgError("the index-1 matrix is singular") from None
-        return lambda vector: product(matrix, vector), factors.solve
-
-    def _sparse(self, entries: Array) -> tuple[_Map, _Map]:
-        matrix = csc_array((entries, self._rows, self._starts), (self._size, self._size))
-
-        def times(vector: Array) -> Array:
-            return np.asarray(matrix @ vector)
-
-        # SuperLU is not made for numbers that are not finite.
-        if not np.all(np.isfinite(entries)):
-            return times, lambda rhs: np.full_like(rhs, np.nan)
-        try:
-            return times, solver(matrix)
-        except np.linalg.LinAlgError as error:
-            raise np.linalg.LinAlgError(f"the index-1 matrix is singular: {error}") from None

@@ -9,6 +9,7 @@ that system has no solution.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -50,11 +51,9 @@ _NEXT = 1e-4
 #: How much farther from the truth a solution may be than from another one, or the mean of
 #: differences than from those with other steps: what is rounding in both may nearly agree.
 _CHANCE = 3.0
-#: Shares of their steps with which differences are taken again: by a solution each, and all of
-#: them at the end.
+#: Shares of their steps with which differences are taken again: the first two by a solution each,
+#: and all of them at the end.
 _SHARES = (0.93, 0.86, 0.79, 0.72, 0.65)
-_SHARED = 2
-_MOST_KEPT = 16
 
 
 class NoReference(InputError):
@@ -151,15 +150,13 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     """
     variants = _variants(problem)
     systems = [Index1(variant) for variant in variants]
-    end = problem.t0 + t
+    end, small = problem.t0 + t, problem.n + problem.m <= singular.LARGEST
     try:
         # A step that is much too long may overflow; what is not finite is not accepted.
         with np.errstate(all="ignore"):
             states = [
-                _integrated(
-                    system, end, _COARSE if place else _TOLERANCE, on_work, _watch_of(problem)
-                )
-                for place, system in enumerate(systems[: 1 + _SHARED])
+                _integrated(system, end, tolerance, on_work, _Watch(problem) if small else None)
+                for system, tolerance in zip(systems, (_TOLERANCE, _COARSE, _COARSE), strict=False)
             ]
         (u, v), *others = states
         of_state = [
@@ -239,17 +236,9 @@ def along(problem: Problem, since: float, times: Sequence[float]) -> Motion:
     return Motion(start, states)
 
 
-#: The solutions of the last problems and times: cells of one problem ask for the same.
-_KEPT: dict[tuple[str, float], Reference] = {}
-
-
+@lru_cache(maxsize=16)  # cells of one problem ask for the same
 def _known(problem: Problem, t: float) -> Reference:
-    key = problem.content, t
-    if key not in _KEPT:
-        if len(_KEPT) >= _MOST_KEPT:
-            _KEPT.clear()
-        _KEPT[key] = solution(problem, t)
-    return _KEPT[key]
+    return solution(problem, t)
 
 
 def _variants(problem: Problem) -> list[Problem]:
@@ -289,10 +278,6 @@ def _moved_by_rounding(system: Index1, t: float, u: Array, v: Array) -> tuple[Ar
 
 #: Coordinates and velocities, (n,) each.
 _State = tuple[Array, Array]
-
-
-def _watch_of(problem: Problem) -> _Watch | None:
-    return _Watch(problem) if problem.n + problem.m <= singular.LARGEST else None
 
 
 def _integrated(
