@@ -20,7 +20,7 @@ problem only what asks its Φ and G at given states is compiled, once and with o
 each; where these states are, and what follows from the values, is compiled for all problems.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from newmark_cli.problems import differences
@@ -43,7 +43,8 @@ def derivatives(
     elif quadratic:
         computed = of_quadratic(functions, compile_)
     else:
-        computed = by_differences(functions, missing, compile_)
+        in_time = "constraint_rate" in missing or "curvature" in missing
+        computed = by_differences(functions, in_time, compile_)
     if not rows:
         return computed  # type: ignore[no-any-return]
     copy = differences.copying(compile_)
@@ -66,34 +67,27 @@ def derivatives(
 
 
 def by_differences(
-    functions: Mapping[str, Any], wanted: Collection[str], compile_: Compiler
+    functions: Mapping[str, Any], in_time: bool, compile_: Compiler
 ) -> Callable[..., None]:
     """`newmark_cli.problems.problem.Problem.derivatives` by central differences.
 
-    They find their own step; the longest is multiplied by ``reals[0, 0]``.  What is not wanted
-    of the four may remain as it was.
+    They find their own step; the longest is multiplied by ``reals[0, 0]``.  Rate and curvature
+    remain as they were unless derivatives in time are wanted.
     """
     phi_of, gradient_of = functions["constraints"], functions["gradient"]
     copy = differences.copying(compile_)
-    wanted = {*wanted}
-    in_time = bool(wanted & {"constraint_rate", "curvature"})
-    along_v = bool(wanted - {"constraint_rate"})
-    along_w = "acceleration_gradient" in wanted
 
     def derivatives(  # type: ignore[no-untyped-def]
         t, u, v, w, ints, reals, rate, curvature, r_values, q_values
     ):
         share = reals[0, 0]
-        states, times, phi, gradients = differences.states_along(
-            t, u, v, w, rate, share, in_time, along_v, along_w
-        )
+        states, times, phi, gradients = differences.states_along(t, u, v, w, rate, share, in_time)
         for k in range(states.shape[0]):
             copy.matrix(gradient_of(states[k], times[k]), gradients[k])
         for k in range(phi.shape[0]):
             copy.vector(phi_of(states[k], times[k]), phi[k])
         differences.take_rows(
-            phi, gradients, t, u, v, w, share, in_time, along_v, along_w,
-            rate, curvature, r_values, q_values,
+            phi, gradients, t, u, v, w, share, in_time, rate, curvature, r_values, q_values,
         )  # fmt: skip
 
     return compile_(derivatives)

@@ -188,12 +188,12 @@ def states_of_tangents(u, v, multipliers, of_u, of_v):  # type: ignore[no-untype
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def states_along(t, u, v, w, rate, share, in_time, along_v, along_w):  # type: ignore[no-untyped-def]
+def states_along(t, u, v, w, rate, share, in_time):  # type: ignore[no-untyped-def]
     """Where Φ and G are asked for: here, and before and after along up to three ways.
 
     (k, n) coordinates, (k,) times, and arrays for Φ, at those of the first way, and for G.
     """
-    first, second, third = _ways(t, u, v, w, share, in_time, along_v, along_w)
+    first, second, third = _ways(t, u, v, w, share, in_time)
     count = 1 + 2 * (first.shape[0] + second.shape[0] + third.shape[0])
     states, times = np.empty((count, u.shape[0])), np.full(count, t)
     copy_vector(u, states[0])
@@ -212,30 +212,27 @@ def states_along(t, u, v, w, rate, share, in_time, along_v, along_w):  # type: i
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _ways(t, u, v, w, share, in_time, along_v, along_w):  # type: ignore[no-untyped-def]
-    """Steps in time, along v and along w; none of a way that is not wanted."""
+def _ways(t, u, v, w, share, in_time):  # type: ignore[no-untyped-def]
+    """Steps in time, if they are wanted, along v, and along w unless it vanishes."""
     # Steps by which t changes without rounding: it stands in laws of high frequency.
     first = t + share * _steps_within(u, v, _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME) - t
     second, third = share * steps_along(u, v, LONGEST_STEP), share * steps_along(u, w, np.inf)
-    along_w = along_w and _size(w) > 0
-    return first[: len(first) * in_time], second[: STEPS * along_v], third[: STEPS * along_w]
+    return first[: len(first) * in_time], second, third[: STEPS * (_size(w) > 0)]
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def take_rows(  # type: ignore[no-untyped-def]
-    phi, gradients, t, u, v, w, share, in_time, along_v, along_w,
-    rate, curvature, r_values, q_values,
-):  # fmt: skip
+    phi, gradients, t, u, v, w, share, in_time, rate, curvature, r_values, q_values
+):
     """The four from Φ and G at `states_along`, as far as these are there."""
     _, n, m = gradients.shape
     size, length, speed = _size(gradients[0].reshape(n * m)), _size(u), _size(v)
-    first, second, third = _ways(t, u, v, w, share, in_time, along_v, along_w)
+    first, second, third = _ways(t, u, v, w, share, in_time)
     then = gradients[1 : 1 + 2 * len(first)]
     there = gradients[1 + 2 * len(first) :].reshape(-1, n * m)
     if in_time:
         rounding = _EPS * size * length / first
         copy_vector(extrapolated(_first(phi[1:], first), STEP_RATIO, rounding), rate)
-    if in_time and along_v:
         # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
         # less than second ones of Φ; those remain for a Φ that depends on time.
         bent = _second(phi[1:], phi[0], first) + _first(_products(then, v), first)
@@ -243,14 +240,13 @@ def take_rows(  # type: ignore[no-untyped-def]
         copy_vector(extrapolated(bent, STEP_RATIO, rounding), curvature)
         turned = _first(_products(there[: 2 * STEPS].reshape(-1, n, m), v), second)
         curvature += extrapolated(turned, STEP_RATIO, _EPS * size * speed / second)
-    if along_v:
-        turned = _first(there[: 2 * STEPS], second)
-        copy_vector(extrapolated(turned, STEP_RATIO, _EPS * size / second), r_values)
-        bent = _second(there[: 2 * STEPS], gradients[0].reshape(n * m), second)
-        copy_vector(extrapolated(bent, STEP_RATIO, _EPS * size / second**2), q_values)
-        if len(third):
-            turned = _first(there[2 * STEPS :], third)
-            q_values += extrapolated(turned, STEP_RATIO, _EPS * size / third)
+    turned = _first(there[: 2 * STEPS], second)
+    copy_vector(extrapolated(turned, STEP_RATIO, _EPS * size / second), r_values)
+    bent = _second(there[: 2 * STEPS], gradients[0].reshape(n * m), second)
+    copy_vector(extrapolated(bent, STEP_RATIO, _EPS * size / second**2), q_values)
+    if len(third):
+        turned = _first(there[2 * STEPS :], third)
+        q_values += extrapolated(turned, STEP_RATIO, _EPS * size / third)
 
 
 @cached_njit(nogil=True, error_model="numpy")
