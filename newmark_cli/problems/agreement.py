@@ -103,11 +103,7 @@ class Agreement:
         def values(i: int, s: float) -> Any:
             return phi(_moved(u, i, s), t)
 
-        for i, steps in enumerate(_steps(sizes)):
-            places = [(i, k) for k in range(self.problem.m)]
-            yield _Claim(
-                "gradient", g[i], partial(values, i), steps[0], nothing[i], places, steps[1]
-            )
+        yield from _columns("gradient", g.T, values, sizes, nothing.T)
 
     def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
         """X and Y are those of f + Gλ."""
@@ -131,11 +127,8 @@ class Agreement:
             if key in self.restated:
                 matrix = _value(n * n, self.restated[key], *arguments).reshape(n, n)
                 size = max(float(np.abs(matrix).max()), load / largest.max())
-                for j, steps in enumerate(_steps(largest)):
-                    yield _Claim(
-                        key, matrix[:, j], partial(function, j), steps[0],
-                        np.full(n, _NOTHING * size), [(i, j) for i in range(n)], steps[1],
-                    )  # fmt: skip
+                nothing = np.full((n, n), _NOTHING * size)
+                yield from _columns(key, matrix, function, largest, nothing)
 
     def _of_rows(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
         """Terms of Φ' and Φ''; what is not given of them follows from differences."""
@@ -266,11 +259,17 @@ class Agreement:
 # -- one function of one number -------------------------------------------------------------
 
 
-def _steps(sizes: Array) -> Iterator[tuple[float, int]]:
-    """The longest step of each coordinate, (n,) sizes given, and the number of the first tried."""
+def _columns(
+    key: str, matrix: Array, along: Callable[[int, float], Any], sizes: Array, nothing: Array
+) -> Iterator[_Claim]:
+    """That column j of a matrix, of G of its transpose, is the derivative of ``along(j, s)``."""
     largest = float(sizes.max())
-    for own in sizes.tolist():
-        yield _LONGEST * largest, _FIRST + round(np.log(largest / own) / np.log(_RATIO))
+    for j, own in enumerate(sizes.tolist()):
+        first = _FIRST + round(np.log(largest / own) / np.log(_RATIO))
+        places = [(j, i) if key == "gradient" else (i, j) for i in range(len(matrix))]
+        yield _Claim(
+            key, matrix[:, j], partial(along, j), _LONGEST * largest, nothing[:, j], places, first
+        )
 
 
 def _contradicted(claim: _Claim) -> tuple[int, float] | None:
