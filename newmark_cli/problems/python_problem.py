@@ -142,7 +142,7 @@ def _ran(
 ) -> Iterator[tuple[Callable[..., Any], bytes, Callable[[], dict[str, bytes]]]]:
     """A function of a file, its source, and what returns those of the modules beside it."""
     try:
-        source = files.read(path, _MOST_BYTES, links=True)
+        source = files.read(path, _MOST_BYTES, given=True)
     except OSError as error:
         raise ProblemError(f"{file}: cannot be read: {error.strerror}") from None
     module_name = f"newmark_{kind}_{hashlib.sha256(bytes(path.resolve()) + source).hexdigest()}"

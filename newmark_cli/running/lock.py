@@ -44,19 +44,23 @@ def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
 
 @contextlib.contextmanager
 def _held(folder: Path, path: Path, what: str, shared: bool = False) -> Iterator[None]:
+    import portalocker  # only what locks waits for its import
+
     try:
-        descriptor = files.descriptor_of_own(path)
+        file = files.opened_own(path)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
-    with open(descriptor, "r+", encoding="utf-8") as file:
+    kind = portalocker.LockFlags.SHARED if shared else portalocker.LockFlags.EXCLUSIVE
+    with file:
         try:
-            files.lock(descriptor, shared)
-        except BlockingIOError:
+            portalocker.lock(file, kind | portalocker.LockFlags.NON_BLOCKING)
+        except portalocker.AlreadyLocked:
             raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
-        except OSError as error:
+        except portalocker.LockException as error:
             # Every file is replaced as a whole: two runs would only do the same work twice.
+            why = getattr(error.__cause__, "strerror", None) or error
             warnings.warn(
-                f"{folder}: cannot be locked ({error.strerror}); let no other run use it meanwhile",
+                f"{folder}: cannot be locked ({why}); let no other run use it meanwhile",
                 stacklevel=2,
             )
         started = datetime.now().astimezone().isoformat(timespec="seconds")
@@ -64,13 +68,12 @@ def _held(folder: Path, path: Path, what: str, shared: bool = False) -> Iterator
         # On a full disk the lock holds all the same, and whoever is refused learns less; as on
         # Windows, where nobody reads what another process has locked.
         with contextlib.suppress(OSError):
-            file.seek(0)
-            file.truncate()
+            file.truncate(0)
             os.write(file.fileno(), json.dumps(holder).encode())
         yield
 
 
-def _holder(file: IO[str]) -> str:
+def _holder(file: IO[bytes]) -> str:
     try:
         file.seek(0)
         holder = json.loads(file.read(10_000))

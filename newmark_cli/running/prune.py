@@ -65,7 +65,7 @@ class Pruned:
 def begun(folder: Path, study: "Study") -> None:
     """Note the cells of a study that no CSV names yet."""
     cells = [store.file_name(cell) for cell in study.cells()]
-    files.write_json(folder / f"{_UNFINISHED}{study.study}", {"cells": cells})
+    files.write(folder / f"{_UNFINISHED}{study.study}", files.json_text({"cells": cells}))
 
 
 def finished(folder: Path, study: "Study") -> None:

@@ -382,7 +382,7 @@ def fetch(path: Path, name: str | None = None) -> File:
     """A file's content; raises `DocumentError` if it is missing or cannot be read."""
     name = name or str(path)
     try:
-        content = files.read_given(path, _MOST_BYTES)
+        content = files.read(path, _MOST_BYTES, given=True)
     except OSError as error:
         raise DocumentError(f"{one_line(name)}: cannot be read: {error.strerror}") from None
     return File(name, content)

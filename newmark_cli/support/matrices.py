@@ -81,7 +81,7 @@ def text_of(path: Path, name: str) -> str | None:
 
 def _content(path: Path) -> io.BytesIO:
     try:
-        return io.BytesIO(files.read_given(path, MOST_BYTES))
+        return io.BytesIO(files.read(path, MOST_BYTES, given=True))
     except OSError as error:
         raise MatrixError(f"{one_line(str(path))}: cannot be read: {error.strerror}") from None
 

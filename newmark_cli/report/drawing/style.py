@@ -2,6 +2,7 @@
 
 import io
 import logging
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -74,7 +75,7 @@ def read(path: Path) -> dict[str, Any]:
     logger.propagate = False
     try:
         # matplotlib would look for a name that is no file on the network, and wait for a pipe
-        files.read(path, 1 << 20, links=True)
+        files.read(Path(os.path.realpath(path)), 1 << 20)
         settings = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
     except OSError as error:
         raise InputError(f"--style {path}: cannot be read: {error.strerror}") from None
