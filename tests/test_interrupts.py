@@ -87,7 +87,7 @@ def test_postponed_interrupts_wait():
     """What is begun is completed first, whatever is nested in it; then the process ends."""
     done = python("""
     interrupts.catch()
-    interrupts.note(lambda: "; 3 cells")
+    interrupts.Line.after = lambda: "; 3 cells"
     try:
         with interrupts.postponed():
             with interrupts.postponed():
@@ -102,10 +102,11 @@ def test_postponed_interrupts_wait():
 
 
 def test_what_must_be_closed_is():
-    """Functions that were registered, and contexts of libraries; a second signal does not wait."""
+    """Contexts of libraries are; a second signal does not wait.  A terminal is given back first."""
     done = python("""
     interrupts.catch()
-    with interrupts.before_end(lambda: print("cleaned")), interrupts.raising():
+    interrupts.Line.before = "restored "
+    with interrupts.raising():
         try:
             signal.raise_signal(signal.SIGTERM)
         finally:
@@ -113,8 +114,8 @@ def test_what_must_be_closed_is():
             signal.raise_signal(signal.SIGINT)
             print("never here")
     """)
-    assert (done.returncode, done.stdout) == (130, "closed\ncleaned\n")
-    assert done.stderr == "newmark-study: interrupted\n"
+    assert (done.returncode, done.stdout) == (130, "closed\n")
+    assert done.stderr == "restored newmark-study: interrupted\n"
 
 
 def test_callers_in_python_keep_their_handlers():

@@ -249,7 +249,7 @@ def _run(
     from newmark_cli.running import runner
 
     with terminal.watching(quiet, verbose) as watcher:
-        interrupts.note(lambda: _kept(watcher, how.force))
+        interrupts.Line.after = lambda: _kept(watcher, how.force)
         return runner.run_studies(studies, folder, how, watcher)
 
 

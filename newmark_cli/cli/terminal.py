@@ -1,7 +1,6 @@
 """Progress of a run: counts for everybody, a display only on a terminal."""
 
 import contextlib
-import os
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -159,7 +158,8 @@ def _opened(display: "Progress", stack: contextlib.ExitStack) -> "Progress":
     """A display shown until the stack is closed."""
     with interrupts.postponed():
         # What hides the cursor must show it again.
-        stack.enter_context(interrupts.before_end(lambda: os.write(2, b"\n\x1b[?25h")))
+        interrupts.Line.before = "\n\x1b[?25h"
+        stack.callback(setattr, interrupts.Line, "before", "")
         return stack.enter_context(display)
 
 

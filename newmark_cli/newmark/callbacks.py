@@ -123,7 +123,7 @@ class Callbacks:
         self._room, self._work = room, work
         self._error, self.calls.raised[0] = None, 0
         # An exception of a signal's handler would be lost in compiled code.
-        with interrupts.deferred() as self._waiting:
+        with interrupts.deferred() as self._calling:
             yield
         if self._error is not None:
             error, self._error = self._error, None
@@ -142,7 +142,7 @@ class Callbacks:
         def called(t: float, *addresses: int | None) -> None:
             if self._error is None:
                 try:
-                    self._waiting.call(call, t, addresses)
+                    self._calling(call, t, addresses)
                 except BaseException as error:  # an exit and an interrupt, too
                     self._keep(error)
 
@@ -155,7 +155,7 @@ class Callbacks:
         def called() -> int:
             if self._error is None:
                 try:
-                    self._waiting.call(solve)
+                    self._calling(solve)
                     return COMPLETED
                 except Stagnation:
                     return STAGNATED

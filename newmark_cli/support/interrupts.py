@@ -24,12 +24,17 @@ if hasattr(signal, "SIGHUP"):  # not on Windows
     NAMES[signal.SIGHUP] = "hung up"
 
 
+class Line:
+    """The line of an interrupt: what stands around it, for whoever is interrupted to set."""
+
+    before = ""  #: what gives a terminal back
+    after: Callable[[], str] = str  #: makes what is added then
+
+
 class _State:
     postponed = 0
     raises = 0
     arrived: int | None = None
-    note: Callable[[], str] = str
-    before_end: list[Callable[[], object]] = []  # there is one state
 
 
 def catch() -> None:
@@ -44,11 +49,6 @@ def ignore() -> None:
     for number in NAMES:
         if signal.getsignal(number) is _answer:
             signal.signal(number, signal.SIG_IGN)
-
-
-def note(text: Callable[[], str]) -> None:
-    """Add to the line of an interrupt what the function returns then."""
-    _State.note = text
 
 
 @contextlib.contextmanager
@@ -78,62 +78,48 @@ def held(names: Iterable[int] = tuple(NAMES)) -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class Waiting:
-    """Ctrl-C that waits, except in functions that are called here."""
+@contextlib.contextmanager
+def deferred() -> Iterator[Callable[..., None]]:
+    """Ctrl-C waits until the end of this context, whoever answers it; only in the main thread.
 
-    def __init__(self, answer: Callable[[int, FrameType | None], object] = lambda *_: None) -> None:
-        self._answer, self._within = answer, False
-        self._arrived: list[FrameType | None] = []
+    Yields:
+        Calls a function with arguments, in which Ctrl-C does not wait.
+    """
+    answer = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(answer):
+        yield lambda function, *arguments: function(*arguments)
+        return
+    waiting: list[FrameType | None] = []
+    within = False
 
-    def arrive(self, number: int, frame: FrameType | None) -> None:
-        """Handle the signal: now or later."""
-        if self._within:
-            self._within = False
-            self._answer(number, frame)
-        else:
-            self._arrived.append(frame)
+    def settle() -> None:
+        nonlocal within
+        within = False
+        if waiting:
+            frame = waiting[0]
+            waiting.clear()
+            answer(signal.SIGINT, frame)
 
-    def answer(self) -> None:
-        """Answer what has arrived."""
-        if self._arrived:
-            frame = self._arrived[0]
-            self._arrived.clear()
-            self._answer(signal.SIGINT, frame)
+    def arrive(number: int, frame: FrameType | None) -> None:
+        waiting.append(frame)
+        if within:
+            settle()
 
-    def call(self, function: Callable[..., None], *arguments: object) -> None:
-        """Call a function in which Ctrl-C does not wait."""
-        self.answer()
-        self._within = True
+    def call(function: Callable[..., None], *arguments: object) -> None:
+        nonlocal within
+        settle()
+        within = True
         try:
             function(*arguments)
         finally:
-            self._within = False
+            within = False
 
-
-@contextlib.contextmanager
-def deferred() -> Iterator[Waiting]:
-    """Ctrl-C waits until the end of this context, whoever answers it; only in the main thread."""
-    answer = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(answer):
-        yield Waiting()
-        return
-    waiting = Waiting(answer)
-    signal.signal(signal.SIGINT, waiting.arrive)
+    signal.signal(signal.SIGINT, arrive)
     try:
-        yield waiting
+        yield call
     finally:
         signal.signal(signal.SIGINT, answer)
-        waiting.answer()
-
-
-@contextlib.contextmanager
-def before_end(action: Callable[[], object]) -> Iterator[None]:
-    """Call a function before a signal ends the process in this context."""
-    _State.before_end.append(action)
-    try:
-        yield
-    finally:
-        _State.before_end.remove(action)
+        settle()
 
 
 @contextlib.contextmanager
@@ -164,10 +150,7 @@ def _answer(number: int, frame: FrameType | None = None) -> None:
 
 
 def _end(number: int) -> None:
-    for action in _State.before_end:
-        with contextlib.suppress(Exception):
-            action()
-    text = f"newmark-study: {NAMES[signal.Signals(number)]}{_State.note()}\n"
+    text = f"{Line.before}newmark-study: {NAMES[signal.Signals(number)]}{Line.after()}\n"
     with contextlib.suppress(Exception):  # it may be closed, or just being written to
         sys.stdout.flush()
     with contextlib.suppress(OSError):
