@@ -146,6 +146,7 @@ def ran(*words):
     return code, printed, complaints
 
 
+@pytest.mark.filterwarnings("ignore::newmark_cli.NewmarkWarning")  # a study that can be run
 @few
 @given(damaged_trees())
 def test_validate(folder, data):

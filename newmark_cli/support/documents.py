@@ -42,28 +42,21 @@ _MOST_BYTES = 4_000_000
 _DEEPEST = 30
 #: Parser in C where PyYAML was built with it: ten times as fast.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_TOO_MANY = f"more than {_MOST_VALUES} values"
-_TOO_LONG = f"more than {_MOST_BYTES} characters with what aliases stand for"
 _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
 
 #: Mistakes of one document that are reported one by one; of the rest only their number.
 MOST_REPORTED = 50
 
 #: What pydantic says of Python, said of a document.
-_WORDED = tuple(
-    (re.compile(theirs), ours)
-    for theirs, ours in (
-        ("^Input should be a valid tuple", "must be a list"),
-        ("^Input should be a valid dictionary", "must be a mapping of names to values"),
-        ("^Input should be a valid string", "must be text"),
-        ("^Input should be a valid number", "must be a number"),
-        ("^Input should be a valid integer", "must be a whole number"),
-        ("^Input should be", "must be"),
-        (r"^Tuple should have (.*) after validation, not (\d+)$", r"must have \1, given \2"),
-    )
-)
-#: Custom errors whose text already says what was given.
-_SELF_EXPLAINING = frozenset({"unknown_name", "own"})
+_WORDED = {
+    "^Input should be a valid tuple": "must be a list",
+    "^Input should be a valid dictionary": "must be a mapping of names to values",
+    "^Input should be a valid string": "must be text",
+    "^Input should be a valid number": "must be a number",
+    "^Input should be a valid integer": "must be a whole number",
+    "^Input should be": "must be",
+    r"^Tuple should have (.*) after validation, not (\d+)$": r"must have \1, given \2",
+}
 
 
 # No text, no truth value: what is quoted stays text, here and in every editor.
@@ -114,15 +107,7 @@ class DocumentError(InputError):
 
 
 class Mistakes:
-    """Gathers the mistakes of one document, so that checking goes on after the first.
-
-    Example:
-        mistakes = Mistakes()
-        for part in parts:
-            with mistakes.gathered():
-                check(part)
-        mistakes.refuse()
-    """
+    """Gathers the mistakes of one document, so that checking goes on after the first."""
 
     def __init__(self) -> None:
         self._mistakes: dict[Mistake, None] = {}
@@ -245,16 +230,8 @@ class Document:
 REPORTED = object()
 
 
-@dataclass(frozen=True)
-class _Unknown:
-    """Stands for the value of an unknown key, so that other keys are still checked."""
-
-    model: "type[StrictModel]"
-    key: str
-
-    @property
-    def message(self) -> str:
-        return self.model.unknown_key(self.key)
+class _Unknown(str):
+    """Stands for the value of an unknown key, so that other keys are still checked: its message."""
 
 
 class StrictModel(BaseModel):
@@ -272,7 +249,9 @@ class StrictModel(BaseModel):
                 # What was meant by a misspelled key is not missing.
                 meant = (closest(key, allowed) for key in unknown[:MOST_REPORTED])
                 data = dict.fromkeys(filter(None, meant), REPORTED) | data
-                data |= {key: _Unknown(cls, key) for key in unknown}
+                # Messages take longer to make than keys to find, and nobody reads a thousand.
+                data |= dict.fromkeys(unknown, _Unknown())
+                data |= {key: _Unknown(cls.unknown_key(key)) for key in unknown[:MOST_REPORTED]}
         elif not isinstance(data, cls):
             raise PydanticCustomError("mapping", "must be a mapping of keys to values")
         return data
@@ -307,8 +286,8 @@ def misfit(key: str, message: str) -> PydanticCustomError:
 
 def refused(error: InputError) -> PydanticCustomError:
     """An error of a lower layer for a validator: its text says everything."""
-    texts = [mistake.text for mistake in error.mistakes] if isinstance(error, DocumentError) else []
-    return PydanticCustomError("own", "{message}", {"message": str(error), "others": texts[1:]})
+    others = [mistake.text for mistake in getattr(error, "mistakes", ())[1:]]
+    return PydanticCustomError("own", "{message}", {"message": str(error), "others": others})
 
 
 def require_brackets(value: Any, info: ValidationInfo) -> None:
@@ -395,13 +374,10 @@ def read(path: Path, name: str | None = None) -> Document:
 
 def parse(text: str, name: str) -> Document:
     """Parse YAML text; see :func:`read`."""
-    reader = _Reader(name)
     try:
-        _require_shallow(text, name)
         node = yaml.compose(text, Loader=_LOADER)
-        if node is None:
-            raise DocumentError(f"{name}, line 1: the file is empty")
-        return Document(name, reader.data(node, ()), reader.lines)
+    except RecursionError:
+        raise DocumentError(f"{name}, line 1: {_TOO_DEEP}") from None
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
@@ -415,19 +391,11 @@ def parse(text: str, name: str) -> Document:
         line = text.encode().count(b"\n", 0, error.position) + 1
         raise DocumentError(f"{name}, line {line}: not text: {error.reason}") from None
     except (yaml.YAMLError, ValueError) as error:
-        if isinstance(error, DocumentError):
-            raise
         raise DocumentError(f"{name}, line 1: not YAML: {type(error).__name__}") from None
-
-
-def _require_shallow(text: str, name: str) -> None:
-    """Refuse deep nesting before PyYAML composes it, which would overflow the stack."""
-    depth = 0
-    for event in yaml.parse(text, Loader=_LOADER):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST + 1:
-            raise DocumentError(f"{name}, line {_line(event)}: {_TOO_DEEP}")
+    if node is None:
+        raise DocumentError(f"{name}, line 1: the file is empty")
+    reader = _Reader(name)
+    return Document(name, reader.data(node, ()), reader.lines)
 
 
 def validate(
@@ -493,23 +461,22 @@ class _Reader:
             if not isinstance(key, yaml.ScalarNode):
                 raise self._error(key, "a key must be plain text")
             self._count(key)
-            name = key.value
-            if name in mapping:
-                first = self.lines[(*path, name)]
-                message = f"duplicate key {_short(name)}, first given in line {first}"
-                raise self._error(key, message)
-            self.lines[(*path, name)] = _line(key)
-            mapping[name] = self.data(value, (*path, name))
+            place = (*path, key.value)
+            if key.value in mapping:
+                first = f"first given in line {self.lines[place]}"
+                raise self._error(key, f"duplicate key {_short(key.value)}, {first}")
+            self.lines[place] = _line(key)
+            mapping[key.value] = self.data(value, place)
         return mapping
 
     def _count(self, node: yaml.Node) -> None:
         self._values += 1
+        self._characters += len(node.value) if isinstance(node, yaml.ScalarNode) else 0
         if self._values > _MOST_VALUES:
-            raise self._error(node, _TOO_MANY)
-        if isinstance(node, yaml.ScalarNode):
-            self._characters += len(node.value)
-            if self._characters > _MOST_BYTES:
-                raise self._error(node, _TOO_LONG)
+            raise self._error(node, f"more than {_MOST_VALUES} values")
+        if self._characters > _MOST_BYTES:
+            message = f"more than {_MOST_BYTES} characters with what aliases stand for"
+            raise self._error(node, message)
 
     def _error(self, node: yaml.Node, message: str) -> DocumentError:
         return DocumentError(f"{self.name}, line {_line(node)}: {one_line(message)}")
@@ -559,20 +526,20 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
     message = detail["msg"].removeprefix("Value error, ")
     # Names that a literal may be, as pydantic lists them.
     allowed = re.findall("'([^']*)'", str(context.get("expected", "")))
-    for theirs, ours in _WORDED:
-        message = theirs.sub(ours, message)
+    for theirs, ours in _WORDED.items():
+        message = re.sub(theirs, ours, message)
     if detail["type"] == "missing":
         message = "missing"
     elif detail["type"] == "literal_error" and closest(value, allowed):
         message = f"unknown name {_short(value)}{nearest(value, allowed)}"
     elif isinstance(value, _Unknown):
-        message = value.message
+        message = str(value)
     elif detail["type"] in ("float_type", "int_type") and isinstance(value, str):
         quoted = " without quotes" if not isinstance(plain(value), str) else ""
         message += f"{quoted}, given {_short(value)}"
     elif (
         "key" not in context
-        and detail["type"] not in _SELF_EXPLAINING
+        and detail["type"] not in ("unknown_name", "own")  # whose text says what was given
         and not isinstance(value, dict | list)
     ):
         message += f", given {_short(value)}"
@@ -580,15 +547,12 @@ def _messages(detail: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _short(value: object) -> str:
-    return _cut(repr(value[:60]) if isinstance(value, str) else _REPR.repr(value))
+    # `reprlib` looks at no more of a list or mapping than it shows.
+    return _cut(repr(value[:60]) if isinstance(value, str) else reprlib.repr(value))
 
 
 def _cut(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-#: Looks at no more of a list or mapping than it shows.
-_REPR = reprlib.Repr()
 
 
 def _spell(path: KeyPath) -> str:
