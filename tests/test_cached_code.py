@@ -56,10 +56,10 @@ def test_bytes_are_made_once(tmp_path, monkeypatch):
     kept_in(tmp_path, monkeypatch)
     tripled(tmp_path, 2)
     owner = sys.modules["tripled"].triple.py_func
-    assert not cached_code.are_kept(owner, "code-0123")
+    assert cached_code.kept_bytes(owner, "code-0123", None) is None
     assert cached_code.kept_bytes(owner, "code-0123", lambda: b"made") == b"made"
-    assert cached_code.are_kept(owner, "code-0123")
     assert cached_code.kept_bytes(owner, "code-0123", lambda: b"other") == b"made"
+    assert cached_code.kept_bytes(owner, "code-0123", None) == b"made"
 
 
 def test_damaged_code_is_compiled_anew(tmp_path, monkeypatch):
@@ -93,7 +93,7 @@ def test_damaged_bytes_are_made_anew(tmp_path, monkeypatch):
     for content in damaged(file.read_bytes()):
         file.write_bytes(content)
         made.clear()
-        assert not cached_code.are_kept(owner, "code-0123", "sources")
+        assert cached_code.kept_bytes(owner, "code-0123", None, "sources") is None
         assert [kept(), kept()] == [b"made from sources"] * 2
         assert made == ["sources"]
     assert kept("others") == b"made from others"

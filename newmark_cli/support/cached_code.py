@@ -19,7 +19,7 @@ from typing import Any
 
 import numba
 from numba import njit
-from numba.core.caching import FunctionCache, NullCache
+from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
 
 from newmark_cli.support import compiling, files, sources
@@ -88,7 +88,10 @@ def cached_njit(**options: Any) -> Callable[[Any], Any]:
     def decorated(function: Any) -> Any:
         dispatcher = njit(**options)(function)
         if hasattr(dispatcher, "enable_caching"):  # NUMBA_DISABLE_JIT leaves Python
-            dispatcher._cache = _cache_of(function, options)
+            try:
+                dispatcher._cache = _Cache(function, options)
+            except RuntimeError:  # no locator; the dispatcher's own cache keeps nothing
+                _warn("", "no folder can be written; set NUMBA_CACHE_DIR to one")
         return dispatcher
 
     return decorated
@@ -104,37 +107,28 @@ def part_njit(**options: Any) -> Callable[[Any], Any]:
     return decorator
 
 
-def _cache_of(function: Any, options: Any) -> Any:
-    try:
-        return _Cache(function, options)
-    except RuntimeError:  # no locator
-        _warn("", "no folder can be written; set NUMBA_CACHE_DIR to one")
-        return NullCache()
-
-
-def kept_bytes(function: Any, name: str, make: Callable[[], bytes], made_from: str = "") -> bytes:
-    """Bytes beside a function's compiled code; made if they are not there.
+def kept_bytes(
+    function: Any, name: str, make: Callable[[], bytes] | None, made_from: str = ""
+) -> bytes | None:
+    """Bytes beside a function's compiled code; None if they are not there and not to be made.
 
     Args:
         name: Of the file, without its suffix.
+        make: Makes them where they are not there; None to leave that.
         made_from: What else the bytes depend on; a file of something else is replaced.
     """
-    path = _place(function, name)
-    content = None if path is None else _read(path, made_from)
-    if content is None:
+    try:
+        path = Path(FunctionCache(function).cache_path) / f"{name}.o"
+    except RuntimeError:  # no locator
+        return make and make()
+    content = _read(path, made_from)
+    if content is None and make is not None:
         compiling.begins()
         content = make()
-        if path is not None:
-            with _or_warning(str(path.parent)):
-                path.parent.mkdir(parents=True, exist_ok=True)
-                _write(path, made_from, content)
+        with _or_warning(str(path.parent)):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _write(path, made_from, content)
     return content
-
-
-def are_kept(function: Any, name: str, made_from: str = "") -> bool:
-    """Whether `kept_bytes` has them."""
-    path = _place(function, name)
-    return path is not None and _read(path, made_from) is not None
 
 
 def _read(path: Path, made_from: str) -> bytes | None:
@@ -153,14 +147,6 @@ def _write(path: Path, made_from: str, content: bytes) -> None:
 
 def _digest(path: Path, made_from: str, content: bytes) -> bytes:
     return hashlib.sha256(f"{path.name} {made_from} ".encode() + content).digest()
-
-
-def _place(function: Any, name: str) -> Path | None:
-    """Path of a file beside a function's compiled code; None if nothing can be kept."""
-    try:
-        return Path(FunctionCache(function).cache_path) / f"{name}.o"
-    except RuntimeError:  # no locator
-        return None
 
 
 @contextlib.contextmanager

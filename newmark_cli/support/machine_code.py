@@ -8,7 +8,7 @@ from typing import Any
 import llvmlite.binding as llvm
 from numba import types
 
-from newmark_cli.support.cached_code import are_kept, kept_bytes
+from newmark_cli.support.cached_code import kept_bytes
 
 _lock = threading.Lock()
 #: File → what keeps its code alive, and knows where its function stands.
@@ -24,7 +24,9 @@ def identity() -> str:
     )
 
 
-def address(owner: Any, function: str, key: str, made_from: str, make: Callable[[], str]) -> int:
+def address(
+    owner: Any, function: str, key: str, made_from: str, make: Callable[[], str] | None
+) -> int:
     """Where a function stands; compiled, or read from disk, when first asked for.
 
     Args:
@@ -33,30 +35,21 @@ def address(owner: Any, function: str, key: str, made_from: str, make: Callable[
         key: What tells the module from others, with `identity` in it, fit for the name of a
             file.
         made_from: Digest of the sources of ``make``.
-        make: Makes the text of the module.
+        make: Makes the text of the module; None for 0 where it is to be compiled.
     """
-    name = _file(function, key)
+    name = f"{function}-{key}"
     with _lock:
         if name not in _loaded:
             machine = _target()
-            code = kept_bytes(
-                owner, name, lambda: machine.emit_object(_verified(make())), made_from
-            )
+            compiled = make and (lambda: machine.emit_object(_verified(make())))
+            code = kept_bytes(owner, name, compiled, made_from)
+            if code is None:
+                return 0
             engine = llvm.create_mcjit_compiler(_verified(""), machine)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             engine.finalize_object()
             _loaded[name] = engine
         return int(_loaded[name].get_function_address(function))
-
-
-def is_made(owner: Any, function: str, key: str, made_from: str) -> bool:
-    """Whether `address` need not compile."""
-    name = _file(function, key)
-    return name in _loaded or are_kept(owner, name, made_from)
-
-
-def _file(function: str, key: str) -> str:
-    return f"{function}-{key}"
 
 
 def generate_call(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

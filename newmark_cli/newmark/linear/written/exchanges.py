@@ -91,12 +91,14 @@ class Exchanges:
         written = self._known[key]
         if written is None:
             return None
-        if not written.tables.room[static_elimination.ADDRESS]:
-            if not written.is_made():
-                if self.compiled >= self._steps // _WORTH:
-                    return None
-                self.compiled += 1
-            written.tables.room[static_elimination.ADDRESS] = written.address()
+        room = written.tables.room
+        if not room[static_elimination.ADDRESS]:
+            room[static_elimination.ADDRESS] = written.address(compiling=False)
+        if not room[static_elimination.ADDRESS]:
+            if self.compiled >= self._steps // _WORTH:
+                return None
+            self.compiled += 1
+            room[static_elimination.ADDRESS] = written.address()
         return written.tables
 
 

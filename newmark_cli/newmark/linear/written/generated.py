@@ -58,13 +58,14 @@ class Written(NamedTuple):
         """
         return str(_module(self))
 
-    def address(self) -> int:
-        """Where the code stands; compiled, or read from disk, when first asked for."""
-        return machine_code.address(_module, NAME, self.digest(), made_from(), self.text)
+    def address(self, compiling: bool = True) -> int:
+        """Where the code stands; compiled, or read from disk, when first asked for.
 
-    def is_made(self) -> bool:
-        """Whether it has been compiled, here or before."""
-        return machine_code.is_made(_module, NAME, self.digest(), made_from())
+        Args:
+            compiling: Whether to compile it where it never was; it is at 0 otherwise.
+        """
+        make = self.text if compiling else None
+        return machine_code.address(_module, NAME, self.digest(), made_from(), make)
 
 
 def made_from() -> str:
