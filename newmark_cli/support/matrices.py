@@ -42,27 +42,22 @@ def read(
         MatrixError: The file cannot be read, is too large, is neither, or has what is not
             a matrix of finite real numbers.
     """
-    suffix = path.suffix.lower()
-    matrices: dict[str, Any]
+    if path.suffix.lower() == ".npz":
+        arrays = _archive(path, names)
+        if not arrays:
+            raise MatrixError(f"{path}: the file has none of {', '.join(names)}")
+        return {name: array_of(a, f"{path}: {name}", dimensions) for name, a in arrays.items()}
     if path.is_dir():
-        places = {name: path / f"{name}.mtx" for name in names}
-        matrices = {name: _market(file) for name, file in places.items() if file.exists()}
-        places_of = {name: str(file) for name, file in places.items()}
-    elif suffix == ".mtx":
-        matrices = {next(iter(names)): _market(path)}
-        places_of = dict.fromkeys(names, str(path))
-    elif suffix == ".npz":
-        matrices = _archive(path, names)
-        places_of = {name: f"{path}: {name}" for name in names}
+        files_of = {name: path / f"{name}.mtx" for name in names}
+        found = {name: file for name, file in files_of.items() if file.exists()}
+    elif path.suffix.lower() == ".mtx":
+        found = {next(iter(names)): path}
     else:
         raise MatrixError(f"{path}: must be an .npz file, an .mtx file or a folder of .mtx files")
-    if not matrices:
-        what, ending = ("folder", ".mtx") if path.is_dir() else ("file", "")
-        listed = ", ".join(f"{name}{ending}" for name in names)
-        raise MatrixError(f"{path}: the {what} has none of {listed}")
-    return {
-        name: array_of(matrix, places_of[name], dimensions) for name, matrix in matrices.items()
-    }
+    if not found:
+        listed = ", ".join(f"{name}.mtx" for name in names)
+        raise MatrixError(f"{path}: the folder has none of {listed}")
+    return {name: array_of(_market(file), str(file), dimensions) for name, file in found.items()}
 
 
 def text_of(path: Path, name: str) -> str | None:
@@ -88,26 +83,22 @@ def _content(path: Path) -> io.BytesIO:
 
 def _archive(path: Path, names: Collection[str]) -> dict[str, np.ndarray[Any, Any]]:
     """Name → array of an .npz file, without unpickling or unpacking beyond the limit."""
-    content = _content(path)
-    at = str(path)
+    content, arrays = _content(path), {}
+    at, what = str(path), "not an .npz file"
     try:
         with np.load(content, allow_pickle=False) as archive:
             sizes = {info.filename: info.file_size for info in archive.zip.infolist()}
             wanted = [name for name in names if name in archive.files]
             size = sum(sizes.get(f"{name}.npy", 0) for name in wanted)
-            if size > MOST_BYTES:
-                raise MatrixError(f"{path}: unpacks to {size} bytes, at most {MOST_BYTES}")
-            arrays = {}
-            for name in wanted:
-                at = f"{path}: {name}"
+            for name in wanted if size <= MOST_BYTES else ():
+                at, what = f"{path}: {name}", "not an array"
                 arrays[name] = np.asarray(archive[name])
-            return arrays
-    except MatrixError:
-        raise
     except Exception as error:  # zip, zlib and NumPy have many for what is damaged
-        what = "not an .npz file" if at == str(path) else "not an array"
         why = one_line(str(error)) or type(error).__name__
         raise MatrixError(f"{at}: {what}, or cut off: {why}") from None
+    if size > MOST_BYTES:
+        raise MatrixError(f"{path}: unpacks to {size} bytes, at most {MOST_BYTES}")
+    return arrays
 
 
 def _market(path: Path) -> Array:
@@ -126,9 +117,9 @@ def _market(path: Path) -> Array:
             # SciPy will return another class; both become dense.
             warnings.simplefilter("ignore", DeprecationWarning)
             matrix = mmread(content)
+    except MatrixError:
+        raise
     except (ValueError, TypeError, OverflowError, EOFError, IndexError, OSError) as error:
-        if isinstance(error, MatrixError):
-            raise
         raise MatrixError(
             f"{path} is cut off, or not a Matrix Market file: {one_line(str(error))}"
         ) from None

@@ -14,10 +14,8 @@ _COMPILING = ("cached_code.py", "machine_code.py")
 _IMPORT = re.compile(rb"^ *from newmark_cli([.\w]*) import (\([^)]*\)|.*)", re.MULTILINE)
 
 
-@cache
-def _read(path: Path) -> bytes:
-    """Content of a file: read once, as the code that is imported."""
-    return path.read_bytes()
+#: Content of a file: read once, as the code that is imported.
+_read = cache(Path.read_bytes)
 
 
 def digest(files: Iterable[Path]) -> str:
