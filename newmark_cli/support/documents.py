@@ -187,23 +187,21 @@ class Document:
         Raises:
             DocumentError: When a mapping has both names of a key.
         """
-        lines = dict(self.lines)
+        known: Mapping[Any, Any] = names
 
-        def walk(value: Any, path: KeyPath, original: KeyPath) -> Any:
-            lines[path] = self.lines.get(original, self.line(original))
+        def walk(value: Any, path: KeyPath) -> Any:
             if isinstance(value, list):
-                return [walk(item, (*path, i), (*original, i)) for i, item in enumerate(value)]
+                return [walk(item, (*path, i)) for i, item in enumerate(value)]
             if not isinstance(value, dict) or not leaves.isdisjoint(path):
                 return value
             for name, usual in names.items():
                 if name in value and usual in value:
-                    raise self.error((*original, name), f"is the same as {usual}; give one of them")
-            return {
-                names.get(key, key): walk(item, (*path, names.get(key, key)), (*original, key))
-                for key, item in value.items()
-            }
+                    raise self.error((*path, name), f"is the same as {usual}; give one of them")
+            return {known.get(key, key): walk(item, (*path, key)) for key, item in value.items()}
 
-        return Document(self.name, walk(self.data, (), ()), lines)
+        data = walk(self.data, ())
+        usual = {tuple(known.get(k, k) for k in path): n for path, n in self.lines.items()}
+        return Document(self.name, data, {**usual, **self.lines})
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""

@@ -162,8 +162,7 @@ def write_output(path: Path, content: str | bytes) -> None:
     with _as_results_error(path, "cannot be written"):
         target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file() and not target.is_dir():
-            with path.open("wb") as file:
-                file.write(_bytes(content))
+            path.write_bytes(_bytes(content))
             return
         if not target.parent.exists():
             raise FileNotFoundError(errno.ENOENT, f"there is no folder {target.parent}")
