@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numba.core.dispatcher import Dispatcher
+from numba.extending import is_jitted
 
 from newmark_cli.problems import constraint_rows, differences, index_1, starting, user_code
 from newmark_cli.problems.agreement import Agreement
@@ -198,7 +198,7 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
     functions = {key: used[key] for key in _FUNCTIONS}
     tangents = {key: used.get(key) for key in _TANGENTS}
     rows = {key: used[key] for key in constraint_rows.NAMES if key in used}
-    compiled = all(isinstance(f, Dispatcher) for key, f in used.items() if key != "energy")
+    compiled = all(is_jitted(f) for key, f in used.items() if key != "energy")
     compile_ = njit if compiled else differences.as_it_is
     quadratic = bool(getattr(definition, "quadratic", False))
     places, of_g = (
@@ -404,7 +404,7 @@ def _called(
 
 def _converting(function: Callable[..., Any]) -> Callable[..., Array]:
     """The function, with its result as an array; compiled if it is."""
-    if isinstance(function, Dispatcher):
+    if is_jitted(function):
 
         @njit
         def converted(*arguments):  # type: ignore[no-untyped-def]
@@ -508,7 +508,7 @@ def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, shown_folder:
 
 def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem:
     """The problem with one force more, whose tangents stand behind those that it has."""
-    compiled = problem.compiled and isinstance(function, Dispatcher)
+    compiled = problem.compiled and is_jitted(function)
     compile_ = njit if compiled else differences.as_it_is
     own, weights = np.array(push.coordinates, np.int64), np.ascontiguousarray(push.weights)
     offsets, at_rest = push.offsets, 0 * push.offsets

@@ -20,7 +20,6 @@ from typing import Any
 import numba
 from numba import njit
 from numba.core.caching import FunctionCache
-from numba.core.serialize import dumps
 
 from newmark_cli.support import compiling, files, sources
 from newmark_cli.support.errors import ResultsError
@@ -48,7 +47,7 @@ class _Files:
 
     def save(self, key: tuple[Any, ...], data: Any) -> None:
         """Keep data; ResultsError if they cannot be written."""
-        _write(*self._file(key), dumps(data))
+        _write(*self._file(key), pickle.dumps(data))
 
     def _file(self, key: tuple[Any, ...]) -> tuple[Path, str]:
         """Path of a file, and what it is made from.
@@ -153,10 +152,8 @@ def _digest(path: Path, made_from: str, content: bytes) -> bytes:
 def _or_warning(folder: str) -> Iterator[None]:
     try:
         yield
-    except OSError as error:
-        _warn(folder, f"{folder}: {error.strerror}")
-    except ResultsError as error:
-        _warn(folder, str(error))
+    except (OSError, ResultsError) as error:
+        _warn(folder, f"{folder}: {error.strerror}" if isinstance(error, OSError) else str(error))
 
 
 def _warn(folder: str, why: str) -> None:
