@@ -272,6 +272,16 @@ def test_a_full_disk_leaves_files_that_belong_together(tmp_path, monkeypatch):
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a": "new", "c": "old"}
 
 
+def test_places_where_no_file_can_be(tmp_path):
+    """A name too long for a temporary one, a folder that is a file or is not there."""
+    (tmp_path / "file").touch()
+    for place in ("n" * 250, "file/a", "none/a"):
+        for write in (files.write, files.write_output):
+            with pytest.raises(ResultsError, match=r"cannot be written: (File|Not|No such|there)"):
+                write(tmp_path / place, "new")
+    assert [*tmp_path.iterdir()] == [tmp_path / "file"]
+
+
 def test_a_run_that_was_killed_between_two_files_is_mended(cli):
     """`verify` says that the CSV is not that of its record; the next run writes both."""
     cli.write("quick.yaml", STUDY)

@@ -235,7 +235,8 @@ def replace_together(contents: Mapping[Path, str | bytes | None], within: Path) 
                     path.unlink(missing_ok=True)
     except BaseException:
         for temporary in temporaries.values():
-            temporary.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):  # it may never have been there
+                temporary.unlink()
         raise
 
 
