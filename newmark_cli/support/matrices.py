@@ -42,7 +42,7 @@ def read(
         MatrixError: The file cannot be read, is too large, is neither, or has what is not
             a matrix of finite real numbers.
     """
-    if path.suffix.lower() == ".npz":
+    if path.suffix.lower() == ".npz" and not path.is_dir():
         arrays = _archive(path, names)
         if not arrays:
             raise MatrixError(f"{path}: the file has none of {', '.join(names)}")
