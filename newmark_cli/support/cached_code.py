@@ -15,7 +15,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 from numba import njit
@@ -31,19 +31,19 @@ _DIGEST = hashlib.sha256().digest_size
 _warned: set[str] = set()
 
 
-class _Files:
+class _Files(NamedTuple):
     """Compiled code of a function: a file for each signature and kind of processor."""
 
-    def __init__(self, implementation: Any, made_from: str) -> None:
-        # Numba's name has the number of a line, so that files of older versions would pile up.
-        name = re.sub(r"-\d+(?=\.py)", "", implementation.filename_base)
-        self._path = str(Path(implementation.locator.get_cache_path()) / name)
-        self._made_from = made_from
+    stem: str  #: what the paths of its files begin with
+    made_from: str
 
     def load(self, key: tuple[Any, ...]) -> Any:
         """What `save` was given; None if there is none, or it is damaged or out of date."""
         content = _read(*self._file(key))
-        return None if content is None else pickle.loads(content)
+        if content is None:
+            compiling.begins()
+            return None
+        return pickle.loads(content)
 
     def save(self, key: tuple[Any, ...], data: Any) -> None:
         """Keep data; ResultsError if they cannot be written."""
@@ -55,7 +55,7 @@ class _Files:
         A key is a signature, the processor, and digests of the function.
         """
         short = hashlib.sha256(repr(key[:2]).encode()).hexdigest()[:16]
-        return Path(f"{self._path}-{short}.nbc"), f"{self._made_from} {key}"
+        return Path(f"{self.stem}-{short}.nbc"), f"{self.made_from} {key}"
 
 
 class _Cache(FunctionCache):
@@ -66,14 +66,9 @@ class _Cache(FunctionCache):
         source = self._impl.locator.get_source_stamp()  # of a file that may change meanwhile
         core = sources.stamp(Path(inspect.getfile(function)))
         made_from = f"{numba.__version__} {source!r} {core} {sorted(options.items())}"
-        self._cache_file: Any = _Files(self._impl, made_from)
-
-    def load_overload(self, signature: Any, context: Any) -> Any:
-        """Compiled code that is kept; None where it is to be compiled now."""
-        code = super().load_overload(signature, context)
-        if code is None:
-            compiling.begins()
-        return code
+        # Numba's name has the number of a line, so that files of older versions would pile up.
+        name = re.sub(r"-\d+(?=\.py)", "", self._impl.filename_base)
+        self._cache_file: Any = _Files(str(Path(self.cache_path) / name), made_from)
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep compiled code; where it cannot be kept, say so once."""
