@@ -76,9 +76,7 @@ def cli() -> None:
 
 for command in (
     running.run,
-    running.merge,
     running.reproduce,
-    running.prune,
     results.plot,
     results.show,
     results.check,

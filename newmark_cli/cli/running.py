@@ -1,6 +1,5 @@
-"""Commands that run studies, and remove what they no longer need."""
+"""Commands that run studies."""
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -27,17 +26,6 @@ if TYPE_CHECKING:
     from newmark_cli.study.config import Study
 
 
-def _shard(
-    context: click.Context, option: click.Parameter, text: str | None
-) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
-    if not match or not 1 <= int(match[1]) <= int(match[2]):
-        raise click.BadParameter(f"must be I/N with 1 <= I <= N, given {text!r}")
-    return int(match[1]), int(match[2])
-
-
 @click.command()
 @click.argument(
     "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=complete_config
@@ -45,12 +33,6 @@ def _shard(
 @results_folder
 @running_options
 @flag("--dry-run", help="List every cell as done or to run, and why; run nothing.")
-@click.option(
-    "--shard",
-    callback=_shard,
-    metavar="I/N",
-    help="Run only part I of N; `merge` combines the parts.",
-)
 @flag("--timed", help="Also time each march alone, one cell at a time.")
 @flag(
     "--replace", "replacing", help="Overwrite results of another config with the same study name."
@@ -64,7 +46,6 @@ def run(
     quiet: bool,
     verbose: bool,
     dry_run: bool,
-    shard: tuple[int, int] | None,
     timed: bool,
     replacing: bool,
     kind: str,
@@ -87,55 +68,11 @@ def run(
     for line in () if quiet else (line for study in studies for line in config.unjudged(study)):
         screen.complain(f"warning: {line}")
     if dry_run:
-        return _dry_run(studies, folder, how.force, shard)
-    how = replace(how, shard=shard, parquet=kind == "parquet", timed=timed, replace=replacing)
+        return _dry_run(studies, folder, how.force)
+    how = replace(how, parquet=kind == "parquet", timed=timed, replace=replacing)
     if timed:
         how = replace(how, jobs=1)
     return _tell(_run(studies, folder, how, quiet, verbose), folder, quiet)
-
-
-@click.command()
-@click.argument(
-    "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=complete_config
-)
-@click.option(
-    "--from",
-    "sources",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    multiple=True,
-    required=True,
-    metavar="DIR",
-    help="Results folder of a shard; repeat for each shard.",
-)
-@results_folder
-@format_option
-@allow_code_option
-def merge(
-    configs: tuple[str, ...], sources: tuple[Path, ...], folder: Path, kind: str, allow_code: bool
-) -> int:
-    """Combine the cells of shards and write the studies.
-
-    Computes nothing.  If cells are missing, reports how many and exits with 1.
-
-    \b
-    Example:
-      newmark-study merge andrews-u --from node1/results --from node2/results
-    """
-    from newmark_cli.running import runner
-    from newmark_cli.study import config
-
-    studies = [config.find(name, allow_code) for name in configs]
-    merged = runner.merge(studies, folder, sources, kind == "parquet")
-    for source, count in zip(sources, merged.taken, strict=True):
-        screen.line(f"{source}: {count} cells")
-    for i, (study, count) in enumerate(zip(studies, merged.missing, strict=True)):
-        if count:
-            why = "".join(f"; {n} cached otherwise: {how}" for how, n in merged.why[i].items())
-            total = len(study.cells())
-            screen.complain(f"{study.study}: {count} of {total} cells are missing{why}")
-    if any(merged.missing):
-        return 1
-    return _tell(merged.runs, folder)
 
 
 @click.command()
@@ -194,54 +131,6 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     return code
 
 
-@click.command()
-@click.argument("configs", nargs=-1, metavar="[CONFIG]...", shell_complete=complete_config)
-@results_folder
-@flag("--dry-run", help="Report what would be removed; remove nothing.")
-@allow_code_option
-def prune(configs: tuple[str, ...], folder: Path, dry_run: bool, allow_code: bool) -> int:
-    """Remove cached cells that no study needs.
-
-    Keeps the cells in DIR/cells that a CSV in DIR was made from, and those of
-    unfinished studies.  For each CONFIG, keeps the cells that it needs now instead of
-    those of its CSV.  Also removes damaged cells, cells of another version of the
-    numerical core that no CSV was made from, and old temporary files of killed runs.
-    Never touches CSVs or figures.
-
-    \b
-    Example:
-      newmark-study prune --dry-run
-    """
-    from rich.filesize import decimal
-
-    from newmark_cli.running import prune as pruning
-
-    studies = []
-    if configs:
-        from newmark_cli.study import config
-
-        studies = [config.find(name, allow_code) for name in configs]
-    pruned = pruning.prune(folder, studies, dry_run)
-    verb = "would remove" if dry_run else "removed"
-    for removed in pruned.removed:
-        count = len(removed.files)
-        kind = removed.kind.format(s="s" * (count != 1))
-        screen.line(f"{verb} {count} {kind} ({decimal(removed.size)})")
-    if not pruned.removed:
-        screen.line("nothing to remove")
-    cells = "1 cell stays" if pruned.stay == 1 else f"{pruned.stay} cells stay"
-    screen.line(f"{cells} ({decimal(pruned.size)})")
-    if pruned.outdated:
-        are = "is" if pruned.outdated == 1 else "are"
-        screen.line(
-            f"{pruned.outdated} of them {are} of another numerical core: run their studies again "
-            "and prune again, or name their configs"
-        )
-    if pruned.unfinished:
-        screen.line(f"not finished, so that their cells stay: {', '.join(pruned.unfinished)}")
-    return 0
-
-
 def _run(
     studies: "Sequence[Study]", folder: Path, how: "Options", quiet: bool, verbose: bool
 ) -> "list[StudyRun]":
@@ -275,13 +164,11 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
     return 0 if all(done.ok for done in runs) else 1
 
 
-def _dry_run(
-    studies: "Sequence[Study]", folder: Path, force: bool, shard: tuple[int, int] | None
-) -> int:
+def _dry_run(studies: "Sequence[Study]", folder: Path, force: bool) -> int:
     from newmark_cli.running import runner
     from newmark_cli.study import axes
 
-    planned = runner.plan(studies, folder, force, shard)
+    planned = runner.plan(studies, folder, force)
     for entry in planned:
         state = f"to run: {entry.why}"
         if entry.done:

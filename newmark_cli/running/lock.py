@@ -15,16 +15,12 @@ from newmark_cli.support.errors import ResultsError
 
 
 @contextlib.contextmanager
-def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
+def locked(folder: Path, what: str) -> Iterator[None]:
     """Hold a results folder for a run; the system lets go of it when the process ends.
-
-    Shards of one study may share a folder: each holds it together with others, and
-    its own part alone.
 
     Args:
         folder: Results folder; it exists.
         what: The run, for whoever is refused.
-        shard: Part of the study that this run computes, if it is one.
 
     Raises:
         ResultsError: When another run holds it; names that run.
@@ -32,28 +28,17 @@ def locked(folder: Path, what: str, shard: str = "") -> Iterator[None]:
     Warns:
         UserWarning: When its file system has no locks: the run goes on.
     """
-    with contextlib.ExitStack() as stack:
-        if shard:
-            stack.enter_context(_held(folder, folder / ".lock", what, shared=True))
-            own = folder / f".lock-{shard.replace('/', '-of-')}"
-            stack.enter_context(_held(folder, own, what))
-        else:
-            stack.enter_context(_held(folder, folder / ".lock", what))
-        yield
-
-
-@contextlib.contextmanager
-def _held(folder: Path, path: Path, what: str, shared: bool = False) -> Iterator[None]:
     import portalocker  # only what locks waits for its import
 
+    path = folder / ".lock"
     try:
         file = files.opened_own(path)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
-    kind = portalocker.LockFlags.SHARED if shared else portalocker.LockFlags.EXCLUSIVE
+    alone = portalocker.LockFlags.EXCLUSIVE | portalocker.LockFlags.NON_BLOCKING
     with file:
         try:
-            portalocker.lock(file, kind | portalocker.LockFlags.NON_BLOCKING)
+            portalocker.lock(file, alone)
         except portalocker.AlreadyLocked:
             raise ResultsError(f"{folder}: in use by {_holder(file)}") from None
         except portalocker.LockException as error:

@@ -17,11 +17,11 @@ from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
-from newmark_cli.running import executors, prune
+from newmark_cli.running import executors
 from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References
-from newmark_cli.running.store import NOT_RUN, Store, file_name
+from newmark_cli.running.store import Store, file_name
 from newmark_cli.study import motion, provenance, results, trajectories
 from newmark_cli.study.axes import Cell, present
 from newmark_cli.study.cell import Done, Outcome
@@ -40,7 +40,6 @@ class Options:
     timeout: float | None = None  #: most wall time of a cell (s)
     executor: str = "local"  #: ``local`` or ``dask``
     scheduler: str | None = None  #: address of a dask scheduler
-    shard: tuple[int, int] | None = None  #: (i, N): the i-th of N parts alone, counted from 1
     parquet: bool = False  #: whether trajectories are written as Parquet, not as CSV
     timed: bool = False  #: whether the march of each cell that is computed is timed by itself
     replace: bool = False  #: whether a study may overwrite the results of another of its name
@@ -90,24 +89,17 @@ class Watcher:
         """A cell has ended."""
 
 
-def plan(
-    studies: Sequence[Study],
-    folder: Path,
-    force: bool = False,
-    shard: tuple[int, int] | None = None,
-    failed: bool = False,
-) -> list[Planned]:
-    """Every cell of studies, with what is kept of it, failed ones if asked, or why it is to run."""
+def plan(studies: Sequence[Study], folder: Path, force: bool = False) -> list[Planned]:
+    """Every cell of studies, with what is kept of it, or why it is to run."""
     _require_distinct(studies)
     store = Store(folder)
     planned = []
     for s, study in enumerate(studies):
         for cell in study.cells():
-            kept = store.find(cell, failed)
+            kept = store.find(cell)
             why = store.why(cell) if kept is None else "forced" if force else ""
             planned.append(Planned(s, cell, None if why else kept, why))
-    part, parts = shard or (1, 1)
-    return planned[part - 1 :: parts]
+    return planned
 
 
 def _require_distinct(studies: Sequence[Study]) -> None:
@@ -134,7 +126,7 @@ def run_studies(
 
     Finished cells are kept at once, so that whatever ends the run, only those in
     flight are lost.  A study is written when its last cell is done, its cells in the
-    config's order; a shard writes none.
+    config's order.
 
     Raises:
         InputError: Two studies have one name, the results of another config have it, or
@@ -142,21 +134,18 @@ def run_studies(
         ExecutorError: The executor is lost; what was finished is kept.
     """
     watcher = watcher or Watcher()
-    shard = "{}/{}".format(*options.shard) if options.shard else ""
     if options.parquet:
         trajectories.require_parquet()
-    with _held(studies, folder, "run", shard):
-        if not (shard or options.replace):
+    with _held(studies, folder):
+        if not options.replace:
             _require_own(studies, folder)
         store = Store(folder)
         references = References(folder, partial(_solution, timeout=options.timeout), options.force)
         planned = [
             _looked_after(entry, references, store)
-            for entry in plan(studies, folder, options.force, options.shard)
+            for entry in plan(studies, folder, options.force)
         ]
         to_run = [entry for entry in planned if entry.done is None]
-        for i in {entry.study for entry in to_run}:
-            prune.begun(folder, studies[i])
         for entry in to_run:
             store.require_replaceable(entry.cell)
         watcher.planned(planned)
@@ -207,53 +196,8 @@ def _tasks(
     return tasks, lacking
 
 
-@dataclass(frozen=True)
-class Merged:
-    """How the cells of several folders were put together."""
-
-    taken: tuple[int, ...]  #: cells taken from each folder
-    missing: tuple[int, ...]  #: cells that are missing of each study
-    #: For each study, why kept cells do not count among them → how many.
-    why: tuple[Mapping[str, int], ...]
-    runs: tuple[StudyRun, ...]  #: the studies, when nothing is missing
-
-
-def merge(
-    studies: Sequence[Study], folder: Path, sources: Sequence[Path], parquet: bool = False
-) -> Merged:
-    """Take the cells of other results folders and write studies that are complete.
-
-    Raises:
-        InputError: As for `run_studies`, and when a source holds no cells.
-    """
-    if parquet:
-        trajectories.require_parquet()
-    with _held(studies, folder, "merge"):
-        _require_own(studies, folder)
-        store = Store(folder)
-        taken = tuple(store.take(source) for source in sources)
-        planned = plan(studies, folder, failed=True)
-        missing = [
-            Counter(entry.why for entry in planned if entry.study == s and entry.done is None)
-            for s in range(len(studies))
-        ]
-        if any(missing):
-            for study in studies:
-                prune.begun(folder, study)
-            counts = tuple(why.total() for why in missing)
-            for why in missing:
-                del why[NOT_RUN]
-            return Merged(taken, counts, tuple(missing), ())
-        open_runs = _OpenRuns(studies, folder, Options(jobs=1, parquet=parquet), planned)
-        for i, entry in enumerate(planned):
-            assert entry.done is not None
-            open_runs.took(i, entry.done)
-        counts = (0,) * len(studies)
-        return Merged(taken, counts, (), tuple(open_runs.close()))
-
-
 @contextlib.contextmanager
-def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") -> Iterator[None]:
+def _held(studies: Sequence[Study], folder: Path) -> Iterator[None]:
     """Lock a results folder, and require that everything in it can be written."""
     _require_distinct(studies)
     names = [study.study for study in studies]
@@ -263,10 +207,8 @@ def _held(studies: Sequence[Study], folder: Path, what: str, shard: str = "") ->
         part = folder / name
         if part.exists():
             results.require_writable(part, ())
-    with locked(folder, f"{what} {' '.join(names)}", shard):
+    with locked(folder, f"run {' '.join(names)}"):
         Store(folder).prepare()
-        if not shard:  # which others hold too
-            prune.sweep(folder)
         yield
 
 
@@ -356,7 +298,7 @@ class _OpenRuns:
         self._done[place] = done
         study = self._planned[place].study
         ended = [self._done[i] for i in self._places[study] if i in self._done]
-        if not self._options.shard and len(ended) == len(self._places[study]):
+        if len(ended) == len(self._places[study]):
             self._paths[study] = _write(self._studies[study], self._folder, ended, self._options)
 
     def complains(self, places: Iterable[int]) -> bool:
@@ -421,13 +363,10 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
     }
     record = provenance.record(study, cells, outcomes, len(table), checksums)
     run = provenance.run(study, ended, options.jobs, checksums, folder)
-    for cell, recorded in zip(cells, run["cells"], strict=True):
-        recorded["kept_as"] = file_name(cell)
     known = _of_problems(cells, options.timeout)
     record |= {key: facts for key, facts in known.items() if facts}
     with interrupts.postponed():
         results.replace(folder, study.study, texts, record, run)
-        prune.finished(folder, study)
     return path
 
 

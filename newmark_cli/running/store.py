@@ -23,13 +23,10 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 from newmark_cli.study.provenance import version
 from newmark_cli.support import files, sources
-from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
 
-#: Why a cell is to run of which nothing is kept.
-NOT_RUN = "not run yet"
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
 #: Digits of a digest in a file name.
@@ -52,16 +49,6 @@ def file_name(cell: Cell) -> str:
     return _key(cell).file
 
 
-def core_of(file: Path) -> str | None:
-    """Digest of the core that has computed a finished cell; None if its file cannot be used."""
-    record = files.read_sealed(file)
-    try:
-        key = _Key(**record["key"])
-    except (KeyError, TypeError):
-        return None
-    return key.core if key.file == file.name and _done(record) else None
-
-
 class Store:
     """Finished cells below a results folder; threads may share this object."""
 
@@ -77,10 +64,10 @@ class Store:
         """Refuse a folder in the place of a cell before it is computed."""
         files.require_replaceable(self._folder / _key(cell).file)
 
-    def find(self, cell: Cell, failed: bool = False) -> Done | None:
+    def find(self, cell: Cell) -> Done | None:
         """The kept cell; None if it is not there or cannot be used."""
         done = _done(self._read(_key(cell)))
-        return done if done and (failed or done.outcome.status != "failed") else None
+        return done if done and done.outcome.status != "failed" else None
 
     def keep(self, cell: Cell, done: Done) -> None:
         """Keep a cell that has ended, atomically; never in place of a better one."""
@@ -119,23 +106,7 @@ class Store:
             return ", ".join(changed) or "the numerical core has changed"
         if others:
             return "the problem has changed"
-        return NOT_RUN
-
-    def take(self, folder: Path) -> int:
-        """Copy the cells of another results folder; returns how many were taken.
-
-        What has failed or is damaged is replaced by what is better.
-        """
-        paths = sorted((folder / "cells").glob("*.json"))
-        if not paths:
-            raise ResultsError(f"{folder}: holds no finished cells")
-        new = 0
-        for file in paths:
-            theirs, ours = files.read_sealed(file), files.read_sealed(self._folder / file.name)
-            if _worth(_done(theirs)) > _worth(_done(ours)):
-                files.write_sealed(self._folder / file.name, theirs, self._results)
-                new += 1
-        return new
+        return "not run yet"
 
     def _read(self, key: _Key) -> dict[str, Any]:
         record = files.read_sealed(self._folder / key.file)
