@@ -112,7 +112,7 @@ def test_a_run_with_any_name_can_be_read(cli):
     label = f"mine.py:swing(what={name})".replace(",", "_")
     path = cli.folder / "results" / "odd.csv"
     assert read_study(path)["problem"].unique().tolist() == [label]
-    for command in (("check",), ("show", "odd"), ("verify",), ("info", "--cells")):
+    for command in (("check",), ("show", "odd"), ("show", "--record")):
         cli(*command)
     cli("plot", "odd", "--measure", "condition", "--format", "svg")
     cli("compare", "results", "results")

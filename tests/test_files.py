@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from each import each
 
+from newmark_cli.report.reading import records
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError
 
@@ -160,10 +161,10 @@ def test_no_folder_outside_is_written(cli, tmp_path):
         if place.exists():
             place.rename(place.with_name(f"{name}-before"))
         place.symlink_to(elsewhere)
-    for words in (("run", "quick.yaml"), ("plot", "quick"), ("draw", "pendulum"), ("prune",)):
+    for words in (("run", "quick.yaml"), ("plot", "quick"), ("draw", "pendulum")):
         done = ended(cli, *words)
-        assert words == ("prune",) or done.returncode == 2, (words, done.stdout)
-        assert words == ("prune",) or "symbolic link" in done.stderr
+        assert done.returncode == 2, (words, done.stdout)
+        assert "symbolic link" in done.stderr
     assert list(elsewhere.iterdir()) == []
 
 
@@ -173,7 +174,7 @@ def test_what_cannot_be_read_ends_in_a_line(cli, outside, name):
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
     for kind, commands in {
-        "fifo": ("check", "info"), "link": ("verify", "check"), "endless": ("show",),
+        "fifo": ("check", "show"), "link": ("report", "check"), "endless": ("show",),
     }.items():  # fmt: skip
         special(kind, cli.folder / "results" / name, outside)
         for command in commands:
@@ -182,7 +183,7 @@ def test_what_cannot_be_read_ends_in_a_line(cli, outside, name):
 
 
 def test_a_record_names_only_its_own_files(cli, outside):
-    """`verify` reads nothing outside of the folder, whatever a record names."""
+    """`check` reads nothing outside of the folder, whatever a record names."""
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
     file = cli.folder / "results/quick.json"
@@ -190,11 +191,13 @@ def test_a_record_names_only_its_own_files(cli, outside):
     record["sha256"]["../../outside.txt"] = "0" * 64
     record["sha256"]["/etc/passwd"] = "0" * 64
     file.write_text(json.dumps(record))
-    done = cli("verify", code=1)
-    assert done.stdout.splitlines() == [
-        "results/quick.csv: ok",
-        "results/quick.json: names '../../outside.txt', which is not a file of this study",
-        "results/quick.json: names '/etc/passwd', which is not a file of this study",
+    found = json.loads(cli("check", "--json", code=1).stdout)
+    assert found[-2:] == [
+        {
+            "file": "results/quick.json",
+            "finding": f"names {name!r}, which is not a file of this study",
+        }
+        for name in ("../../outside.txt", "/etc/passwd")
     ]
 
 
@@ -283,20 +286,20 @@ def test_places_where_no_file_can_be(tmp_path):
 
 
 def test_a_run_that_was_killed_between_two_files_is_mended(cli):
-    """`verify` says that the CSV is not that of its record; the next run writes both."""
+    """`check` says that the CSV is not that of its record; the next run writes both."""
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
     path = cli.folder / "results/quick.csv"
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b"optimal", b"left", 1))
-    assert "quick.csv: differs from its record" in cli("verify", code=1).stdout
+    assert "quick.csv: differs from its record" in " ".join(cli("check", code=1).stdout.split())
     assert "(2 cached)" in cli("run", "quick.yaml").stdout
     assert path.read_bytes() == whole
-    cli("verify")
+    assert records.changed(cli.folder / "results", ["quick"]) == []
 
 
 def test_what_is_no_more_goes_with_the_rest(cli):
-    """A study that records no time series any more loses its old one, and `verify` agrees."""
+    """A study that records no time series any more loses its old one, and the record agrees."""
     config = STUDY.replace("t_end: 0.1}", "t_end: 0.1, measure: [history]}")
     cli.write("quick.yaml", config)
     cli("run", "quick.yaml")
@@ -304,16 +307,4 @@ def test_what_is_no_more_goes_with_the_rest(cli):
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
     assert not (cli.folder / "results/history/quick.csv").exists()
-    cli("verify")
-
-
-def test_a_run_takes_litter_away(cli):
-    """Temporary files of killed runs go with the next run, those of others stay."""
-    cli.write("quick.yaml", STUDY)
-    cli("run", "quick.yaml")
-    litter = ["results/.quick.csv.abcd1234", "results/cells/.00.json.abcd1234"]
-    others = ["results/.mine.abcd1234", "results/.quick.csv.ABC"]
-    for name in litter + others:
-        os.utime(cli.write(name, "x"), (1, 1))
-    cli("run", "quick.yaml")
-    assert [(cli.folder / name).exists() for name in litter + others] == [False, False, True, True]
+    assert records.changed(cli.folder / "results", ["quick"]) == []

@@ -87,4 +87,3 @@ def test_marches_are_timed_when_asked_for(cli):
         "plot", "quick", "--measure", "work-precision", "--cost", "wall-time", "--format", "svg"
     )
     assert "quick-pendulum-u-lambda-work-precision-u.svg" in done.stdout
-    assert "march (s)" in cli("info", "quick", "--cells").stdout

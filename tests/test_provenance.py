@@ -70,7 +70,7 @@ def test_a_run_notes_where_it_comes_from(ran):
     assert run["platform"]["processor"]
     assert run["platform"]["processors"] == usable()
     assert set(record).isdisjoint({"finished", "versions", "source", "blas", "platform", "jobs"})
-    assert [set(cell) for cell in run["cells"]] == [{"wall_seconds", "kept_as"}] * 4
+    assert [set(cell) for cell in run["cells"]] == [{"wall_seconds"}] * 4
     told = [(c["preconditioning"], c["h"], c["integrator"], c["stop"]) for c in record["cells"]]
     assert told == [
         (variant, h, "newmark beta=0.25 gamma=0.5", "saturation")
@@ -165,18 +165,6 @@ def test_stamped_commit_of_an_installed_package(installed, monkeypatch, modified
     assert source() == stamp
 
 
-def lines(done):
-    return dict(line.split(": ", 1) for line in done.stdout.splitlines())
-
-
-def test_verify_of_what_was_written(cli, copied):
-    (copied / "slopes.csv").write_text("whatever\n")
-    (copied / "notes.json").write_text("[]")
-    found = lines(cli("verify"))
-    files = ("history/series.csv", "quick.csv", "series.csv")
-    assert found == {f"results/{name}": "ok" for name in files}
-
-
 def change(path):
     """One digit."""
     text = path.read_text()
@@ -193,27 +181,30 @@ def forget(path):
 SPOILT = {
     "changed": ("quick.csv", change, "quick.csv", "differs from its record"),
     "changed series": ("history/series.csv", change, "history/series.csv", "differs"),
-    "gone": ("quick.csv", Path.unlink, "quick.csv", "missing"),
     "series gone": ("history/series.csv", Path.unlink, "history/series.csv", "missing"),
-    "no record": ("quick.json", Path.unlink, "quick.csv", "no record"),
-    "no record of a series": ("series.json", Path.unlink, "history/series.csv", "no record"),
     "no checksum": ("quick.json", forget, "quick.csv", "not in quick.json"),
-    "record cut": ("quick.json", lambda path: path.write_text("{"), "quick.csv", "no record"),
 }
 
 
 @pytest.mark.parametrize("kind", SPOILT)
-def test_verify_of_spoilt_results(copied, kind):
+def test_spoilt_results(copied, kind):
     """What is wrong with which file; other files are as they were."""
     name, spoil, blamed, words = SPOILT[kind]
+    assert records.changed(copied, ["quick", "series"]) == []
     spoil(copied / name)
-    found = {entry.path: entry for entry in records.verify(copied)}
-    assert words in found[copied / blamed].finding
-    assert not found[copied / blamed].ok
-    assert found[copied / ("quick.csv" if "series" in blamed else "series.csv")].ok
+    (found,) = records.changed(copied, ["quick", "series"])
+    assert found.path == copied / blamed
+    assert words in found.finding
 
 
-def test_check_notices_what_verify_does(cli, copied):
+@pytest.mark.parametrize("spoil", [Path.unlink, lambda path: path.write_text("{")])
+def test_a_csv_without_a_record_may_be_anything(copied, spoil):
+    spoil(copied / "quick.json")
+    change(copied / "quick.csv")
+    assert records.changed(copied, ["quick", "series"]) == []
+
+
+def test_check_notices_what_was_not_written(cli, copied):
     """A CSV that is not what was written fails the check; one without a record does not."""
     # Its step sizes are too few to be judged.
     assert "not what was written" not in cli("check", code=1).stdout
@@ -228,8 +219,8 @@ def test_check_notices_what_verify_does(cli, copied):
 
 
 def test_records_of_another_run_are_left_out(cli, copied):
-    """What `info` says of time and machine is about the run that wrote the CSV, or not said."""
-    assert "finished" in cli("info").stdout
+    """What is said of time and machine is about the run that wrote the CSV, or not said."""
+    assert "finished" in cli("show", "--record").stdout
     path = copied / "runs/quick.json"
     run = json.loads(path.read_text())
     assert records.read(copied / "quick.csv")["finished"] == run["finished"]
@@ -239,7 +230,7 @@ def test_records_of_another_run_are_left_out(cli, copied):
     assert "finished" not in records.read(copied / "quick.csv")
     path.unlink()
     assert records.read(copied / "quick.csv") == json.loads((copied / "quick.json").read_text())
-    assert "not recorded" in cli("info").stdout
+    assert "not recorded" in cli("show", "--record").stdout
 
 
 def test_shipped_checksums_are_those_of_the_results():
@@ -264,16 +255,16 @@ def test_agreement_with_what_was_shipped(copied, tmp_path):
         assert records.agreement(copied, names, shipped) == told
 
 
-def test_info_for_people(cli, copied):
-    """Every study by default; cells with wall times and the config when asked for."""
-    text = cli("info").stdout
+def test_records_for_people_and_programs(cli, copied):
+    """Every study by default; as JSON with the config and the wall time of each cell."""
+    text = cli("show", "--record").stdout
     assert text.index("quick\n") < text.index("series\n")
     for words in (np.__version__, digest(copied / "quick.csv"), "OPENBLAS_NUM_THREADS="):
         assert words in text
-    text = cli("info", "quick", "--cells", "--config").stdout
-    assert "series" not in text
-    assert text.count(" ok ") >= 4
-    assert "h: [0.1, 0.01]" in text
+    (record,) = json.loads(cli("show", "quick", "--record", "--json").stdout)
+    assert record == records.read(copied / "quick.csv")
+    assert all(cell["wall_seconds"] > 0 for cell in record["cells"])
+    assert record["config"]["cases"][0]["h"] == [0.1, 0.01]
 
 
 def test_results_of_another_config_are_not_overwritten(cli, quick):

@@ -1,4 +1,4 @@
-"""Runs that are interrupted, resumed, spread over shards, or refused."""
+"""Runs that are interrupted, resumed, or refused."""
 
 import json
 import math
@@ -175,21 +175,6 @@ def test_one_run_at_a_time(cli):
     cli("run", "quick.yaml")
 
 
-def test_shards_and_merge(cli, quick):
-    """Two parts in two folders, put together: the bytes of one run; a missing part is told."""
-    cli("run", "quick.yaml", "--results", "whole")
-    first = cli("run", "quick.yaml", "--shard", "1/2", "--results", "one").stdout
-    assert first == "quick: 2 ok cached in one/cells\n"
-    assert not (cli.folder / "one/quick.csv").exists()
-    done = cli("merge", "quick.yaml", "--from", "one", "--results", "all", code=1)
-    assert done.stderr == "newmark-study: quick: 2 of 4 cells are missing\n"
-    cli("run", "quick.yaml", "--shard", "2/2", "--results", "two")
-    cli("merge", "quick.yaml", "--from", "one", "--from", "two", "--results", "all")
-    assert csv(cli.folder / "all") == csv(cli.folder / "whole")
-    assert "1 <= I <= N" in cli.refused("run", "quick.yaml", "--shard", "3/2")
-    assert "no finished cells" in cli.refused("merge", "quick.yaml", "--from", ".")
-
-
 def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     """Plain Python runs in processes: the timeout ends one, an exit fails its cell alone."""
     write_swings(cli, "hang", "exit", "")
@@ -226,25 +211,6 @@ def test_failures_replace_no_results(cli, quick):
     assert "4 failed" in cli("run", "quick.yaml", "--force", "--timeout", "1e-9", code=1).stdout
     assert cli("run", "quick.yaml").stdout == "quick: 4 ok (4 cached) -> results/quick.csv\n"
     assert csv(cli.folder / "results") == first
-
-
-def test_failed_cells_are_merged(cli, quick):
-    """They are not missing: the bytes of the plain run.  A result is better, in any order."""
-    write_swings(cli, "exit", "")
-    run = ("run", "swings.yaml", "--allow-code")
-    merge = ("merge", "swings.yaml", "--allow-code", "--from", "one", "--from", "two")
-    cli(*run, "--results", "whole", code=1)
-    cli(*run, "--shard", "1/2", "--results", "one", code=1)
-    cli(*run, "--shard", "2/2", "--results", "two")
-    done = cli(*merge, "--results", "all", code=1)
-    assert done.stdout.endswith("swings: 1 failed, 1 ok (2 cached) -> all/swings.csv\n")
-    assert csv(cli.folder / "all", "swings") == csv(cli.folder / "whole", "swings")
-    cli("run", "quick.yaml", "--results", "bad", "--timeout", "1e-9", code=1)
-    cli("run", "quick.yaml", "--results", "good")
-    for i, sources in enumerate((("bad", "good"), ("good", "bad"))):
-        options = [word for source in sources for word in ("--from", source)]
-        cli("merge", "quick.yaml", *options, "--results", f"merged{i}")
-        assert csv(cli.folder / f"merged{i}") == csv(cli.folder / "good")
 
 
 ERRORS = """\

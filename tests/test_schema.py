@@ -19,10 +19,9 @@ from newmark_cli.support.documents import DocumentError
 ROOT = Path(__file__).parents[1]
 MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"
 COMMITTED = {
-    ROOT / "configs/schema/config.json": ("schema", "config"),
-    MECHANISMS / "schema/mechanism.json": ("schema", "mechanism"),
-    MECHANISMS / "schema/spatial.json": ("schema", "spatial"),
-    ROOT / "newmark_cli/cli/names.json": ("list", "--json"),
+    ROOT / "configs/schema/config.json": ("list", "--schema", "config"),
+    MECHANISMS / "schema/mechanism.json": ("list", "--schema", "mechanism"),
+    MECHANISMS / "schema/spatial.json": ("list", "--schema", "spatial"),
 }
 FILES = sorted(
     file

@@ -73,12 +73,13 @@ def hostile(cli):
 
 COMMANDS = (
     ("check", "--all"), ("check", "--json"), ("check", "--markdown", "--all"), ("show",),
-    ("show", "bad"), ("show", "bad", "--json"), ("info", "--cells", "--config"), ("verify",),
+    ("show", "bad"), ("show", "bad", "--json"), ("show", "--record"),
+    ("show", "--record", "--json"),
     ("plot", "bad", "--measure", "correction", "--quantity", "u", "--format", "svg"),
     ("compare", "results", "results"), ("validate", "bad.yaml"),
     ("run", "bad.yaml", "-v", "--force"), ("run", "bad.yaml", "--dry-run"),
     ("show", "bad", "--problem", BAD), ("validate", "bad.yaml", BAD), ("plot", BAD),
-    ("compare", "results", BAD), ("run", BAD + ".yaml"), ("info", "--results", BAD),
+    ("compare", "results", BAD), ("run", BAD + ".yaml"), ("show", "--record", "--results", BAD),
 )  # fmt: skip
 
 
@@ -95,7 +96,7 @@ def test_no_command_prints_control_characters(cli, hostile):
         plain = re.sub(r"\x1b\[(31|33|0)m", "", printed)
         assert visible_lines(plain) == plain, command
     assert r"\x1b[2J" in cli("show", "bad").stdout
-    assert r"d\x1b[31m\u202e" in cli("info").stdout
+    assert r"d\x1b[31m\u202e" in cli("show", "--record").stdout
 
 
 NAMES = ("$x^2$", "$", r"\frac{", r"$\frac{$", r"\$x$", "a_b^c{}", "<b>&amp;]]>-->", BAD)

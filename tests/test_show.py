@@ -148,7 +148,7 @@ def test_choosers(cli, options, names):
 
 def test_bad_names(cli):
     write(cli, series(power(-2)), "swing")
-    for command in ("show", "check", "verify"):
+    for command in ("show", "check"):
         line = cli.refused(command, "swin")
         assert line.endswith("results: no results of 'swin'; did you mean 'swing'? allowed: swing")
     line = cli.refused("show", "swing", "--form", "u-lambd")
@@ -231,15 +231,6 @@ def test_remarks_are_not_endless(cli):
     lines = cli("check", "--all", code=1).stdout.splitlines()
     assert sum(line.startswith("miss: ") for line in lines) == 23
     assert "miss: " not in cli("check", "--markdown", code=1).stdout
-
-
-def test_verify_of_one_study(cli, quick):
-    """Another study's file may differ: only the named one is verified."""
-    cli("run", "quick.yaml")
-    write(cli, series(power(-2)))
-    assert "own.csv: no record" in cli("verify", code=1).stdout
-    assert cli("verify", "quick").stdout == "results/quick.csv: ok\n"
-    assert cli("verify", "own", code=1).stdout.startswith("results/own.csv: no record")
 
 
 WIDE = [

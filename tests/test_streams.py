@@ -38,7 +38,7 @@ def shell(folder, command, **environment):
     )  # fmt: skip
 
 
-@each("command", ["list", "orders", "schema", "--help", "validate a.yaml"])
+@each("command", ["list", "orders", "list --schema config", "--help", "validate a.yaml"])
 def test_a_full_disk_is_one_line(cli, command):
     """Stdout on a device without space."""
     cli.write("a.yaml", A)
@@ -48,11 +48,11 @@ def test_a_full_disk_is_one_line(cli, command):
     assert run.returncode == 2
 
 
-@each("command", ["list", "orders", "schema", "--help"])
+@each("command", ["list", "orders", "list --schema config", "--help"])
 def test_output_that_nobody_reads_ends_a_command_silently(cli, command):
     """As other tools end in a pipe: with 141, and never 1."""
     with unread() as pipe:
-        run = cli.start(command, stdout=pipe)
+        run = cli.start(*command.split(), stdout=pipe)
     assert run.communicate(timeout=60)[1] == ""
     assert run.returncode == 141
 

@@ -45,11 +45,9 @@ COMMANDS = (
     ("advise --jacobian", ()),
     ("run --dry-run", STUDIES),
     ("orders --config", STUDIES),
-    ("prune --dry-run", STUDIES),
     ("plot", ("mine",)),
     ("show", ("mine",)),
-    ("verify", ("mine",)),
-    ("info", ("mine",)),
+    ("show --record", ("mine",)),
     ("check", ("mine",)),
     ("compare results", ()),
 )

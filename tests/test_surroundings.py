@@ -108,7 +108,9 @@ def test_results_are_the_same_with_every_kernel(cli, other_kernel):
     run = json.loads((two / "runs/bits.json").read_text())
     assert run["blas"]["kernel"] == other_kernel
     assert re.search(r"\d+\.\d+", run["blas"]["loaded"])
-    assert re.search(rf"BLAS kernel +{other_kernel}\n", cli("info", "--results", "two").stdout)
+    assert re.search(
+        rf"BLAS kernel +{other_kernel}\n", cli("show", "--record", "--results", "two").stdout
+    )
 
 
 def figures(cli):

@@ -14,6 +14,7 @@ from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
+from newmark_cli.report.reading import records
 from newmark_cli.study import compute, config, trajectories
 
 STUDY = """\
@@ -161,17 +162,13 @@ def ran(cli):
     return cli
 
 
-def test_kept_cells_shards_and_dask_write_the_same_file(ran):
-    """Resumed, forced, merged: the same bytes; the record has its checksum."""
+def test_kept_cells_write_the_same_file(ran):
+    """The same bytes when resumed; the record has its checksum."""
     path = ran.folder / "results/trajectory/swing.csv"
     before = path.read_bytes()
     path.unlink()
     assert "4 cached" in ran("run", "swing.yaml").stdout
     assert path.read_bytes() == before
-    for part in ("1", "2"):
-        ran("run", "swing.yaml", "--shard", f"{part}/2", "--results", f"part{part}")
-    ran("merge", "swing.yaml", "--from", "part1", "--from", "part2", "--results", "merged")
-    assert (ran.folder / "merged/trajectory/swing.csv").read_bytes() == before
     record = json.loads((ran.folder / "results/swing.json").read_text())
     assert set(record["sha256"]) == {"swing.csv", "trajectory/swing.csv"}
     assert record["config"]["cases"][0]["trajectory"] == {
@@ -186,7 +183,7 @@ def test_parquet_has_the_same_bits(ran):
     before = newmark.trajectories(folder, "swing")
     ran("run", "swing.yaml", "--format", "parquet")
     assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.parquet"]
-    assert "results/trajectory/swing.parquet: ok" in ran("verify").stdout
+    assert records.changed(folder, ["swing"]) == []
     found = newmark.trajectories(folder, "swing")
     assert found.columns.tolist() == before.columns.tolist()
     assert (found["step"].dtype, found["t"].dtype) == (np.int64, np.float64)
@@ -196,8 +193,6 @@ def test_parquet_has_the_same_bits(ran):
     assert other["lambda[bars.rod]"].tolist() == before["lambda[bars.rod]"].tolist()
     ran("run", "swing.yaml")
     assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.csv"]
-    ran("merge", "swing.yaml", "--from", "results", "--results", "m", "--format", "parquet")
-    assert newmark.trajectories(ran.folder / "m", "swing").equals(found)
 
 
 def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monkeypatch):
@@ -205,10 +200,7 @@ def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monke
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     from newmark_cli.running import runner
 
-    for call in (
-        lambda: runner.run_studies([], tmp_path / "r", runner.Options(1, parquet=True)),
-        lambda: runner.merge([], tmp_path / "r", [], parquet=True),
-    ):
+    for call in (lambda: runner.run_studies([], tmp_path / "r", runner.Options(1, parquet=True)),):
         with pytest.raises(newmark.InputError) as caught:
             call()
         assert str(caught.value) == (

@@ -196,8 +196,8 @@ def config_page() -> str:
         "# Keys of a study\n\n"
         "A study is a YAML file, or a dict in Python. "
         "[Your own study](../studies.md) shows how the keys work together, and "
-        "`newmark-study schema` prints them as JSON Schema, for editors. Where a key takes several "
-        "values, a list of them spans a grid: every combination is a cell.\n\n"
+        "`newmark-study list --schema config` prints them as JSON Schema, for editors. Where a "
+        "key takes several values, a list of them spans a grid: every combination is a cell.\n\n"
         f"## The study\n\n{top}\n\n"
         "## A case\n\nThese keys stand at the top of the file. In a study with `cases` each case "
         "has its own, and those at the top hold for every case that does not set them. "
@@ -212,7 +212,7 @@ def mechanism_page() -> str:
         "mechanism",
         "Keys of a planar mechanism",
         "SI units. [Your own mechanism](../mechanisms.md) has an example, and "
-        "`newmark-study schema mechanism` prints the keys as JSON Schema.",
+        "`newmark-study list --schema mechanism` prints the keys as JSON Schema.",
     )
 
 
@@ -222,7 +222,7 @@ def spatial_page() -> str:
         "spatial",
         "Keys of a spatial mechanism",
         "SI units. [Mechanisms in space](../spatial.md) has an example, and "
-        "`newmark-study schema spatial` prints the keys as JSON Schema.",
+        "`newmark-study list --schema spatial` prints the keys as JSON Schema.",
     )
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
@@ -58,12 +57,7 @@ def _tolerances(
 
 
 @click.command()
-@click.argument(
-    "subject",
-    required=False,
-    metavar="[SUBJECT]",
-    shell_complete=complete("problems", "configs", files=True),
-)
+@click.argument("subject", required=False, metavar="[SUBJECT]")
 @click.option(
     "--matrices",
     type=click.Path(path_type=Path),
@@ -87,12 +81,11 @@ def _tolerances(
     metavar="H",
     help="Step size (s), or several with commas; may be repeated.  A study has its own.",
 )
-@axis_option("form", "FORM", "Form; u-lambda, or that of the study, by default.", "forms")
+@axis_option("form", "FORM", "Form; u-lambda, or that of the study, by default.")
 @axis_option(
     "integrator",
     "METHOD",
     "Method and parameters, such as 'generalized-alpha rho=0.9'; trapezoidal by default.",
-    "integrators",
 )
 @click.option("--beta", type=float, metavar="BETA", help="Parameter of Newmark's scheme.")
 @click.option("--gamma", type=float, metavar="GAMMA", help="Parameter of Newmark's scheme.")
@@ -103,7 +96,7 @@ def _tolerances(
     type=click.Choice(["float64", "float32"]),
     help="Arithmetic of your code; float64 by default.",
 )
-@axis_option("scaling", "VARIANT", "Scaling in your code; optimal by default.", "preconditioning")
+@axis_option("scaling", "VARIANT", "Scaling in your code; optimal by default.")
 @click.option(
     "--tolerance",
     multiple=True,

@@ -24,6 +24,7 @@ from newmark_cli.cli import (
 from newmark_cli.cli.streams import UNREAD, OutputError
 from newmark_cli.support import compiling
 from newmark_cli.support.errors import ExecutorError, InputError
+from newmark_cli.support.retired import RETIRED
 from newmark_cli.support.spelling import nearest
 
 
@@ -81,8 +82,6 @@ for command in (
     results.show,
     results.check,
     results.tables,
-    results.info,
-    results.verify,
     results.compare,
     results.report,
     advising.advise,
@@ -90,7 +89,6 @@ for command in (
     inspecting.orders,
     inspecting.validate,
     inspecting.draw,
-    inspecting.schema,
     inspecting.list_,
 ):
     cli.add_command(command)
@@ -118,6 +116,9 @@ def _exit_code(error: BaseException) -> int:
     match error:
         case click.exceptions.NoArgsIsHelpError():
             screen.lines(error.ctx.get_help())
+        case click.NoSuchOption() if error.option_name in RETIRED:
+            way = RETIRED[error.option_name][1]
+            screen.complain(f"No such option {error.option_name!r}; it is gone: {way}")
         case click.ClickException():
             screen.complain(error.format_message())
         case InputError():

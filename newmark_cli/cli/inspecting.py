@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
     axis_option,
     call_with_problem,
-    complete_config,
     evaluation_option,
     flag,
     formulation_option,
@@ -30,17 +28,14 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@axis_option("form", "FORM", "One form; all seven by default.", "forms")
-@axis_option(
-    "preconditioning", "VARIANT", "One scaling; the paper's four by default.", "preconditioning"
-)
+@axis_option("form", "FORM", "One form; all seven by default.")
+@axis_option("preconditioning", "VARIANT", "One scaling; the paper's four by default.")
 @evaluation_option
 @formulation_option
 @click.option(
     "--config",
     "file",
     metavar="CONFIG",
-    shell_complete=complete_config,
     help="Use the forms, scalings and formulations of a config.",
 )
 @flag("--derive", help="Derive the optimal scaling from the orders.")
@@ -81,9 +76,7 @@ def orders(
 
 
 @click.command()
-@click.argument(
-    "files", nargs=-1, required=True, metavar="FILE...", shell_complete=complete(files=True)
-)
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @allow_code_option
 def validate(files: tuple[str, ...], allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
@@ -121,7 +114,7 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
 
 
 @click.command()
-@click.argument("problem", metavar="PROBLEM", shell_complete=complete("problems", files=True))
+@click.argument("problem", metavar="PROBLEM")
 @results_folder
 @click.option(
     "--at", "time", type=float, default=0.0, metavar="T", help="Draw the mechanism at time T (s)."
@@ -234,24 +227,6 @@ def _require_drawable(time: float, step: float | None, animated: Path | None) ->
         raise InputError("--animate: needs --at T, the end of the motion")
 
 
-@click.command()
-@click.argument("kind", type=click.Choice(["config", "mechanism", "spatial"]), default="config")
-def schema(kind: str) -> int:
-    """Print the JSON Schema of configs or of mechanism files.
-
-    With it, editors complete and check such files.  "mechanism" is for planar
-    mechanisms, "spatial" for spatial ones.
-
-    \b
-    Example:
-      newmark-study schema > newmark-study.json
-    """
-    from newmark_cli.study import schema as schemas
-
-    screen.lines(schemas.text(kind))
-    return 0
-
-
 #: What the entries of a section of `list` mean.
 _EXPLAINED = {
     "problems": "n coordinates, m constraints",
@@ -261,16 +236,27 @@ _EXPLAINED = {
 
 @click.command("list")
 @flag("--json", "as_json", help="Print the list as JSON.")
-def list_(as_json: bool) -> int:
+@click.option(
+    "--schema",
+    type=click.Choice(["config", "mechanism", "spatial"]),
+    help="Print the JSON Schema of configs, or of mechanism files in the plane or in space.",
+)
+def list_(as_json: bool, schema: str | None) -> int:
     """List everything that a config can name, and the figures.
 
     Lists problems, forms, integrators, scalings, measures, shipped studies and
-    figures, with one line of description each.
+    figures, with one line of description each.  With a JSON Schema, which lists all
+    keys, editors complete and check files.
 
     \b
     Example:
-      newmark-study list
+      newmark-study list --schema config > newmark-study.json
     """
+    if schema is not None:
+        from newmark_cli.study import schema as schemas
+
+        screen.lines(schemas.text(schema))
+        return 0
     from newmark_cli.report.reading.figures import FIGURES
     from newmark_cli.study import catalogue
 

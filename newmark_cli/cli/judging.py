@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     allow_code_option,
     as_json_text,
@@ -24,20 +23,17 @@ if TYPE_CHECKING:
 @click.option(
     "--problem",
     metavar="PROBLEM",
-    shell_complete=complete("problems", files=True),
     help="What was solved: a problem, a mechanism file, a member of a family, a Python problem.",
 )
 @click.option(
     "--template",
     metavar="PROBLEM",
-    shell_complete=complete("problems", files=True),
     help="Print the header of a table for PROBLEM and its start, and judge nothing.",
 )
 @axis_option(
     "integrator",
     "METHOD",
     "The code's integrator, 'generalized-alpha rho=0.9' by default.",
-    "integrators",
 )
 @formulation_option
 @click.option("--projection", metavar="METHOD", help="The code's projection; none by default.")

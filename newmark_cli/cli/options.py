@@ -9,12 +9,8 @@ from typing import Any
 
 import click
 
-from newmark_cli.cli.completion import complete
 from newmark_cli.support.errors import InputError, visible_lines
 from newmark_cli.support.processors import usable
-
-complete_config = complete("configs", files=True)
-
 
 #: An option that is on or off.
 flag = functools.partial(click.option, is_flag=True)
@@ -38,9 +34,7 @@ results_folder = click.option(
 )
 
 
-studies_argument = click.argument(
-    "studies", nargs=-1, metavar="[STUDY...]", shell_complete=complete("configs")
-)
+studies_argument = click.argument("studies", nargs=-1, metavar="[STUDY...]")
 
 
 allow_code_option = flag(
@@ -49,18 +43,17 @@ allow_code_option = flag(
 
 
 def axis_option(
-    name: str, metavar: str, text: str, *sections: str, multiple: bool = False
+    name: str, metavar: str, text: str, multiple: bool = False
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """An option for values of an axis of studies.
 
     Args:
         name: Of the option; ``preconditioning`` and ``scaling`` are the same one.
-        sections: Sections of `newmark-study list` whose names complete it.
     """
     same = ("preconditioning", "scaling")
     return click.option(
         *(f"--{alias}" for alias in (same if name in same else (name,))), name, multiple=multiple,
-        metavar=metavar, shell_complete=complete(*sections), help=text,
+        metavar=metavar, help=text,
     )  # fmt: skip
 
 
@@ -75,21 +68,20 @@ formulation_option = axis_option(
     "formulation",
     "FORMULATION",
     "Formulation, such as ggl or 'baumgarte rate_h=1'; index-3 by default.",
-    "formulations",
 )
 
 
 def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
     """Options of the commands that choose among the series of studies; each may be repeated."""
-    for name, metavar, text, *section in (
-        ("integrator", "I", "Integrator, with or without its parameters", "integrators"),
-        ("preconditioning", "V", "Scaling", "preconditioning"),
-        ("problem", "P", "Problem", "problems"),
-        ("form", "F", "Form", "forms"),
+    for name, metavar, text in (
+        ("integrator", "I", "Integrator, with or without its parameters"),
+        ("preconditioning", "V", "Scaling"),
+        ("problem", "P", "Problem"),
+        ("form", "F", "Form"),
         ("quantity", "Q", "Quantity, such as u or lambda"),
         ("measure", "M", "Measure, such as correction; for `plot` also work-precision"),
     ):
-        option = axis_option(name, metavar, f"{text}; may be repeated.", *section, multiple=True)
+        option = axis_option(name, metavar, f"{text}; may be repeated.", multiple=True)
         command = option(command)
     return command
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.completion import complete
 from newmark_cli.cli.options import (
     as_json_text,
     choosing_options,
@@ -60,9 +59,7 @@ def _size(
 
 
 @click.command()
-@click.argument(
-    "names", nargs=-1, metavar="[FIGURE|STUDY...]", shell_complete=complete("figures", "configs")
-)
+@click.argument("names", nargs=-1, metavar="[FIGURE|STUDY...]")
 @results_folder
 @click.option(
     "--format",
@@ -141,10 +138,12 @@ def plot(
 @studies_argument
 @choosing_options
 @results_folder
+@flag("--record", "as_recorded", help="Show where results come from: code, versions, machine.")
 @json_option
 def show(
     studies: tuple[str, ...],
     folder: Path,
+    as_recorded: bool,
     as_json: bool,
     measure: tuple[str, ...],
     **values: tuple[str, ...],
@@ -155,6 +154,9 @@ def show(
     one.  Below stand the fitted slope, its range of step sizes, the predicted order,
     the verdict and its reason.  Without STUDY and options, lists the studies in DIR.
 
+    With --record, shows where results come from: code, versions, machine and times;
+    with --json as well, the whole record, with the config and a list of cells.
+
     \b
     Example:
       newmark-study show pendulum-u --quantity lambda --preconditioning none
@@ -162,6 +164,8 @@ def show(
     from newmark_cli.report.reading.choosing import Choice
     from newmark_cli.report.tables import showing
 
+    if as_recorded:
+        return show_records(folder, studies, as_json)
     read, choice = showing.read(folder, studies), Choice(measure, values)
     if not studies and not choice:
         screen.lines(
@@ -347,57 +351,6 @@ def tables(
 
 
 @click.command()
-@studies_argument
-@results_folder
-@flag("--cells", "with_cells", help="Print every cell with its wall time.")
-@flag("--config", "with_config", help="Print the resolved config.")
-def info(studies: tuple[str, ...], folder: Path, with_cells: bool, with_config: bool) -> int:
-    """Show where results come from: code, versions, machine, times.
-
-    Reads DIR/<study>.json, by default of every study in DIR.
-
-    \b
-    Example:
-      newmark-study info pendulum-u --cells
-    """
-    from newmark_cli.report.judging.text import text_table
-    from newmark_cli.report.reading import records
-    from newmark_cli.study import reading
-
-    files = [folder / f"{name}.csv" for name in studies] or reading.study_files(folder)
-    entries = [records.read(file) for file in files]
-    for record in entries:
-        screen.lines(records.as_text(record))
-        if with_config:
-            screen.lines("\n" + records.config_text(record).rstrip())
-        if with_cells:
-            screen.lines("\n" + text_table(records.cell_rows(record)))
-        screen.line()
-    return 0
-
-
-@click.command()
-@studies_argument
-@results_folder
-def verify(studies: tuple[str, ...], folder: Path) -> int:
-    """Compare CSVs with their recorded checksums.
-
-    Verifies the named studies, by default all in DIR.  Prints a line for each file and
-    exits with 1 if one differs, is missing or has no record.
-
-    \b
-    Example:
-      newmark-study verify pendulum-u --results out
-    """
-    from newmark_cli.report.reading import records
-
-    entries = records.verify(folder, studies)
-    for entry in entries:
-        screen.line(f"{entry.path}: {entry.finding}")
-    return 0 if all(entry.ok for entry in entries) else 1
-
-
-@click.command()
 @click.argument("first", type=click.Path(path_type=Path), metavar="A")
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
 @click.option(
@@ -494,6 +447,20 @@ def show_claims(
     if changed:
         summary += f", {len(changed)} not what was written"
     return summary
+
+
+def show_records(folder: Path, studies: Sequence[str], as_json: bool) -> int:
+    """Print where the results of studies come from, by default of all."""
+    from newmark_cli.report.reading import records
+    from newmark_cli.study import reading
+
+    named = reading.named_studies(folder, studies)
+    read = [records.read(folder / f"{name}.csv") for name in named]
+    if as_json:
+        screen.lines(as_json_text(read))
+    else:
+        screen.lines("\n\n".join(map(records.as_text, read)))
+    return 0
 
 
 def verdict(asserted: "Sequence[Outcome]", strict: str = "") -> int:

@@ -11,7 +11,6 @@ import click
 from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
     allow_code_option,
-    complete_config,
     flag,
     format_option,
     results_folder,
@@ -27,9 +26,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument(
-    "configs", nargs=-1, required=True, metavar="CONFIG...", shell_complete=complete_config
-)
+@click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
 @results_folder
 @running_options
 @flag("--dry-run", help="List every cell as done or to run, and why; run nothing.")

@@ -61,7 +61,7 @@ SCHEMAS: Mapping[str, Callable[[], JsonSchema]] = MappingProxyType(
 
 
 def text(kind: str) -> str:
-    """One of `SCHEMAS` as `newmark-study schema` prints it."""
+    """One of `SCHEMAS` as `newmark-study list --schema` prints it."""
     return json.dumps(SCHEMAS[kind](), ensure_ascii=False)
 
 

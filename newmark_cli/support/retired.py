@@ -4,8 +4,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 _MISSED = "a march goes on after a step that misses its test; the column met counts the others"
+_DASK = "--executor dask spreads a study over machines, see docs/long-studies.md"
 
-#: Key, value or command → a name that is allowed where it was, and its way out.
+#: Key, value, command or option → a name that is allowed where it was, and its way out.
 RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
         "missed": ("absolute", _MISSED),
@@ -19,6 +20,12 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
             "newmark_cli.linear_systems gives the systems and scipy.io.mmwrite writes them, see "
             "docs/linear-systems.md",
         ),
+        "merge": ("run", _DASK),
+        "--shard": ("", _DASK),
+        "prune": ("run", "DIR/cells is a cache, which you may delete"),
+        "verify": ("check", "check compares files with their records, too"),
+        "info": ("show", "take 'show STUDY --record', with --json for the whole record"),
+        "schema": ("list", "take 'list --schema config', mechanism or spatial"),
         **dict.fromkeys(("21", "22"), ("20", "the study stopping, which it showed, went")),
         "stopping": ("step-changes", "the page on studies says what `stop` can test"),
     }

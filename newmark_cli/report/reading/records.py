@@ -10,14 +10,12 @@ import newmark_cli
 from newmark_cli.report.reading.words import counted
 from newmark_cli.study import axes, results
 from newmark_cli.study.provenance import checksum, merged
-from newmark_cli.study.reading import NOT_STUDIES, listed, mapping, require_known, study_files
+from newmark_cli.study.reading import listed, mapping
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError, visible
 
 #: What a record does not say.
 UNKNOWN = "not recorded"
-#: Finding on a file that is what was written.
-_AS_RECORDED = "ok"
 
 
 def read(path: Path) -> dict[str, Any]:
@@ -187,71 +185,38 @@ def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
 
 
 @dataclass(frozen=True)
-class Verified:
-    """A file of a results folder against its record."""
+class Changed:
+    """A file of a results folder that is not what was written."""
 
     path: Path  #: the file
     finding: str  #: what was found, in words
-    ok: bool  #: whether the file is what was written
 
 
-def verify(folder: Path, names: Sequence[str] = ()) -> list[Verified]:
-    """Compare every CSV of a results folder with the checksum in its record.
+def changed(folder: Path, names: Iterable[str]) -> list[Changed]:
+    """Files of studies that differ from the checksums in their records.
 
-    ``slopes.csv`` and the tables are not results but follow from them.
+    A CSV without a record may be anything; ``slopes.csv`` and the tables follow from the others.
     """
-    series = {
-        file.stem
-        for part in results.SERIES_FOLDERS
-        for file in (folder / part).glob("*.*")
-        if file in results.series_paths(folder / f"{file.stem}.csv")
-    }
-    described = {f.stem for f in folder.glob("*.json") if known(f.with_suffix(".csv"))}
-    described -= {Path(name).stem for name in NOT_STUDIES}
-    try:
-        studies = {file.stem for file in study_files(folder)}
-    except ResultsError:
-        if not described:
-            raise
-        studies = set()
-    every = sorted({*studies, *described, *series})
-    require_known(folder, names, every)
-    entries = [
-        entry
-        for study in every
-        if study in names or not names
-        for entry in _verified(folder, study, study in studies)
-    ]
-    return sorted(entries, key=lambda entry: entry.path)
+    return [entry for name in sorted(names) for entry in _changed(folder, name)]
 
 
-def changed(folder: Path, names: Iterable[str]) -> list[Verified]:
-    """CSVs of studies that differ from their records; those without a record may."""
-    described = [name for name in names if known(folder / f"{name}.csv")]
-    return [entry for entry in verify(folder, described) if not entry.ok] if described else []
-
-
-def _verified(folder: Path, study: str, written: bool) -> Iterator[Verified]:
-    """Findings on the files of one study, which may lack its CSV."""
+def _changed(folder: Path, study: str) -> Iterator[Changed]:
     path = folder / f"{study}.csv"
     contents = results.read(path, series=True)
     file, series = path.with_suffix(".json"), results.series_paths(path)
-    recorded: dict[str, str] = {}
-    lacking = ""
     try:
         recorded = checksums(_parsed(path, contents[file]))
-    except ResultsError as error:
-        lacking = f"no record: {error}"
+    except ResultsError:
+        return
     for csv in (path, *series):
         content, name = contents[csv], csv.relative_to(folder).as_posix()
-        there = written if csv is path else not isinstance(content, FileNotFoundError)
-        if not there and name not in recorded and (csv is not path or lacking):
-            continue
-        finding = lacking or _finding(content, recorded.get(name), file.name)
-        yield Verified(csv, finding, finding == _AS_RECORDED)
+        there = csv is path or not isinstance(content, FileNotFoundError)
+        finding = _finding(content, recorded.get(name), file.name)
+        if finding and (there or name in recorded):
+            yield Changed(csv, finding)
     for name in recorded:
         if folder / name not in (path, *series):
-            yield Verified(file, f"names {name!r}, which is not a file of this study", False)
+            yield Changed(file, f"names {name!r}, which is not a file of this study")
 
 
 def _finding(content: bytes | OSError, recorded: str | None, described: str) -> str:
@@ -261,7 +226,7 @@ def _finding(content: bytes | OSError, recorded: str | None, described: str) -> 
         return "missing"
     if isinstance(content, OSError):
         return f"cannot be read: {content.strerror}"
-    return _AS_RECORDED if checksum(content) == recorded else "differs from its record"
+    return "" if checksum(content) == recorded else "differs from its record"
 
 
 def problem_files(record: Mapping[str, Any]) -> dict[str, str]:

@@ -9,7 +9,7 @@ from newmark_cli.report.judging.expectations import Expected, series_name
 from newmark_cli.report.judging.fits import format_fit
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import FAILING, INCOMPLETE, PASS, SHOWN, UNDECIDED, joined
-from newmark_cli.report.reading.records import Verified
+from newmark_cli.report.reading.records import Changed
 from newmark_cli.report.tables import paper_tables
 from newmark_cli.report.tables.check import counting, format_prediction
 from newmark_cli.support.errors import visible
@@ -49,7 +49,7 @@ class Outcome:
 def of(
     slopes: Sequence[Slope],
     expected: Iterable[Expected] = (),
-    changed: Iterable[Verified] = (),
+    changed: Iterable[Changed] = (),
     tables: bool = False,
 ) -> list[Outcome]:
     """All that is asserted, a study's expectations first.
