@@ -153,7 +153,7 @@ MISTAKES = {
     "no mass": ("mass: 1", "mass: 0", 2, "bodies", "no body has mass"),
     "no bodies": ("bodies:\n  arm: {position: [0.5, 0, 0], mass: 1, inertia: [0.1, 1, 1]}\n"
                   "  rod: {position: [1, 0.5, 0], mass: 1, box: [0.1, 1, 0.1]}\n", "bodies: {}\n",
-                  2, "bodies", "must name at least one body"),
+                  2, "bodies", "must have at least 1 item, given 0"),
 }  # fmt: skip
 
 

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -22,46 +21,34 @@ from pydantic import (
 
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Number, StrictModel, Truth, misfit
-from newmark_cli.support.json_schema import also
 
 #: Products and squares of a few numbers of this size, and of their inverses, are numbers.
-_LARGEST = 1e30
-_SMALLEST = 1e-30
+_LARGEST, _SMALLEST = 1e30, 1e-30
+
+Bounded = Annotated[Number, Field(ge=-_LARGEST, le=_LARGEST)]
+NotNegative = Annotated[Number, Field(ge=0, le=_LARGEST)]
+Length = Annotated[Number, Field(ge=_SMALLEST, le=_LARGEST)]
 
 
-def _not_huge(number: float) -> float:
-    if abs(number) > _LARGEST:
-        raise ValueError(f"must be at most {_LARGEST:g} in size")
-    return number
+def components(count: int) -> BeforeValidator:
+    """What refuses a vector of the plane or of space that lacks brackets or components."""
+    text, given = {
+        2: ("two components, [x, y]", "three; is 'dimensions: 3' missing?"),
+        3: ("three components, [x, y, z]", "two: this mechanism is spatial"),
+    }[count]
+
+    def checked(value: Any, info: ValidationInfo) -> Any:
+        documents.require_brackets(value, info)
+        if isinstance(value, int | float):
+            raise ValueError(f"must have {text}")
+        if isinstance(value, list | tuple) and len(value) == 5 - count:
+            raise ValueError(f"must have {text.partition(',')[0]}, given {given}")
+        return value
+
+    return BeforeValidator(checked)
 
 
-def _not_tiny(number: float) -> float:
-    if number < _SMALLEST:
-        raise ValueError(f"must be at least {_SMALLEST:g}")
-    return number
-
-
-Bounded = Annotated[Number, AfterValidator(_not_huge), also(minimum=-_LARGEST, maximum=_LARGEST)]
-NotNegative = Annotated[Number, Field(ge=0), AfterValidator(_not_huge), also(maximum=_LARGEST)]
-Length = Annotated[
-    Number,
-    Field(gt=0),
-    AfterValidator(_not_huge),
-    AfterValidator(_not_tiny),
-    also(minimum=_SMALLEST, maximum=_LARGEST),
-]
-
-
-def _two_numbers(value: Any, info: ValidationInfo) -> Any:
-    documents.require_brackets(value, info)
-    if isinstance(value, int | float):
-        raise ValueError("must have two components, [x, y]")
-    if isinstance(value, list | tuple) and len(value) == 3:
-        raise ValueError("must have two components, given three; is 'dimensions: 3' missing?")
-    return value
-
-
-Vector = Annotated[tuple[Bounded, Bounded], BeforeValidator(_two_numbers)]
+Vector = Annotated[tuple[Bounded, Bounded], components(2)]
 
 
 class Point(StrictModel):
@@ -93,28 +80,29 @@ class BodyPoint(StrictModel):
     at: Vector = Field(description="place along and across, from the body's first point (m)")
 
 
-class Bar(StrictModel):
-    """A massless bar: a constant distance."""
+class BetweenPoints(StrictModel):
+    """What joins two points."""
 
     from_: str = Field(alias="from", description="one end")
     to: str = Field(description="other end")
+
+
+class Bar(BetweenPoints):
+    """A massless bar: a constant distance."""
+
     length: Length = Field(description="length (m)")
 
 
-class Spring(StrictModel):
+class Spring(BetweenPoints):
     """A linear spring between two points."""
 
-    from_: str = Field(alias="from", description="one end")
-    to: str = Field(description="other end")
     stiffness: NotNegative = Field(description="stiffness (N/m)")
     rest_length: NotNegative = Field(description="length without force (m)")
 
 
-class Damper(StrictModel):
+class Damper(BetweenPoints):
     """A linear damper between two points: it resists the rate of their distance."""
 
-    from_: str = Field(alias="from", description="one end")
-    to: str = Field(description="other end")
     damping: NotNegative = Field(description="damping (N s/m)")
 
 
@@ -140,12 +128,6 @@ class Slider(Line):
     point: str = Field(description="point")
 
 
-#: Most coefficients of a polynomial: a row of the element tables holds no more.
-_MOST_POWERS = 12
-#: Most points of a table: a measurement, not a data base.
-_MOST_ENTRIES = 100_000
-
-
 class Sine(StrictModel):
     """An oscillation: amplitude sin(frequency t + phase)."""
 
@@ -157,7 +139,10 @@ class Sine(StrictModel):
 class Table(StrictModel):
     """A cubic spline through values at times: smooth up to its second derivative."""
 
-    times: list[Bounded] = Field(description="times (s), increasing, the first at most 0")
+    # A measurement, not a data base.
+    times: list[Bounded] = Field(
+        min_length=2, max_length=100_000, description="times (s), increasing, the first at most 0"
+    )
     values: list[Bounded] = Field(description="value at each time")
     ends: Literal["not-a-knot", "natural", "clamped", "periodic"] = Field(
         "not-a-knot",
@@ -168,8 +153,6 @@ class Table(StrictModel):
     @model_validator(mode="after")
     def _is_a_table(self) -> "Table":
         times, values = self.times, self.values
-        if not 2 <= len(times) <= _MOST_ENTRIES:
-            raise misfit("times", f"must be 2 to {_MOST_ENTRIES} times, given {len(times)}")
         if len(values) != len(times):
             raise misfit(
                 "values", f"must be one for each of {len(times)} times, given {len(values)}"
@@ -201,17 +184,11 @@ class Law(StrictModel):
     amplitude: Bounded = Field(0.0, description="amplitude of the oscillation")
     frequency: Bounded = Field(0.0, description="angular frequency (rad/s)")
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
-    powers: list[Bounded] = Field([], description="coefficients of 1, t, t², … of a polynomial")
+    powers: list[Bounded] = Field(
+        [], max_length=12, description="coefficients of 1, t, t², … of a polynomial"
+    )
     sines: list[Sine] = Field([], description="further oscillations")
     table: Table | None = Field(None, description="values at times, with a spline between them")
-
-    @model_validator(mode="after")
-    def _fits(self) -> "Law":
-        if len(self.powers) > _MOST_POWERS:
-            raise misfit(
-                "powers", f"must be at most {_MOST_POWERS} numbers, given {len(self.powers)}"
-            )
-        return self
 
     @property
     def moves(self) -> bool:
@@ -321,7 +298,7 @@ class Force(StrictModel):
     """A force at a point, in global axes."""
 
     at: str = Field(description="point")
-    force: Annotated[tuple[Amount, Amount], BeforeValidator(_two_numbers)] = Field(
+    force: Annotated[tuple[Amount, Amount], components(2)] = Field(
         description="components (N), each a number or a law of time"
     )
 
@@ -345,11 +322,16 @@ class Torque(StrictModel):
 GROUND = "ground"
 
 
-class TorsionSpring(StrictModel):
-    """A linear spring of the angle between two bodies, over any number of turns."""
+class BetweenBodies(StrictModel):
+    """What acts on the angle between two bodies, or between the ground and a body."""
 
     from_: str = Field(GROUND, alias="from", description="first body, or 'ground'")
     to: str = Field(description="second body")
+
+
+class TorsionSpring(BetweenBodies):
+    """A linear spring of the angle between two bodies, over any number of turns."""
+
     stiffness: NotNegative = Field(description="stiffness (N m/rad)")
     rest_angle: Bounded | None = Field(
         None,
@@ -358,19 +340,15 @@ class TorsionSpring(StrictModel):
     )
 
 
-class TorsionDamper(StrictModel):
+class TorsionDamper(BetweenBodies):
     """A linear damper of the angle between two bodies."""
 
-    from_: str = Field(GROUND, alias="from", description="first body, or 'ground'")
-    to: str = Field(description="second body")
     damping: NotNegative = Field(description="damping (N m s/rad)")
 
 
-class AngleJoint(StrictModel):
+class AngleJoint(BetweenBodies):
     """A constant angle between two bodies, which need not meet."""
 
-    from_: str = Field(GROUND, alias="from", description="first body, or 'ground'")
-    to: str = Field(description="second body")
     angle: Bounded | None = Field(
         None, description="angle from the first to the second (rad); as at the start if omitted"
     )
@@ -437,14 +415,12 @@ class PythonForce(StrictModel):
         description="file.py:function of positions (k, 2), velocities (k, 2) and the time t, which "
         "returns the forces (N), (k, 2); the file is looked for beside this one"
     )
-    on: list[str] = Field(description="the k points, at least one")
+    on: list[str] = Field(min_length=1, description="the k points, at least one")
 
     @model_validator(mode="after")
     def _names_a_function(self) -> "PythonForce":
         if not _PYTHON.fullmatch(self.python):
             raise misfit("python", f'must be "file.py:function", given {self.python!r:.60}')
-        if not self.on:
-            raise misfit("on", "must name at least one point")
         if len(set(self.on)) < len(self.on):
             raise misfit("on", "must name each point once")
         return self
@@ -456,6 +432,13 @@ class MechanismModel(StrictModel):
     title: str = Field("", description="heads drawings")
     description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
+    springs: dict[str, Spring] = Field({}, description="linear springs between two points")
+    dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
+    assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
+    project_velocities: Truth = Field(
+        False,
+        description="replace initial velocities by the nearest, in the norm of M, that fit",
+    )
 
     @property
     def conservative(self) -> bool:
@@ -488,8 +471,6 @@ class Mechanism(MechanismModel):
         {}, description="points that stay on a line, fixed or moving"
     )
     motions: dict[str, Motion] = Field({}, description="prescribed motions")
-    springs: dict[str, Spring] = Field({}, description="linear springs between two points")
-    dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
     torques: dict[str, Torque] = Field({}, description="torques on bodies")
     forces: dict[str, Force] = Field({}, description="forces at points")
     torsion_springs: dict[str, TorsionSpring] = Field(
@@ -503,11 +484,6 @@ class Mechanism(MechanismModel):
     rolling: dict[str, Rolling] = Field({}, description="wheels that roll on lines or circles")
     python_forces: dict[str, PythonForce] = Field({}, description="forces that code computes")
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
-    assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
-    project_velocities: Truth = Field(
-        False,
-        description="replace initial velocities by the nearest, in the norm of M, that fit",
-    )
 
 
 def trusted(data: Mapping[str, Any]) -> Mechanism:

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, Tag, ValidationInfo, model_validator
+from pydantic import AfterValidator, Field, Tag, model_validator
 
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
@@ -18,17 +18,16 @@ from newmark_cli.mechanisms.models import (
     PLAIN,
     Amount,
     Bounded,
-    Damper,
     Law,
     Length,
     MechanismModel,
     NotNegative,
-    Spring,
     branch,
+    components,
 )
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.documents import StrictModel, Truth, misfit
+from newmark_cli.support.documents import StrictModel, misfit
 
 #: Largest cosine of directions that are to be perpendicular: those of few digits are made so.
 _SKEW = 1e-3
@@ -36,16 +35,7 @@ _SKEW = 1e-3
 _IMPOSSIBLE = 1e-12
 
 
-def _three_numbers(value: Any, info: ValidationInfo) -> Any:
-    documents.require_brackets(value, info)
-    if isinstance(value, int | float):
-        raise ValueError("must have three components, [x, y, z]")
-    if isinstance(value, list | tuple) and len(value) == 2:
-        raise ValueError("must have three components, given two: this mechanism is spatial")
-    return value
-
-
-Vector = Annotated[tuple[Bounded, Bounded, Bounded], BeforeValidator(_three_numbers)]
+Vector = Annotated[tuple[Bounded, Bounded, Bounded], components(3)]
 
 
 def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -55,7 +45,7 @@ def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]
 
 
 Direction = Annotated[Vector, AfterValidator(_has_length)]
-Extents = Annotated[tuple[Length, Length, Length], BeforeValidator(_three_numbers)]
+Extents = Annotated[tuple[Length, Length, Length], components(3)]
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -303,7 +293,7 @@ class SpatialTorsionDamper(StrictModel):
     damping: NotNegative = Field(description="damping (N m s/rad)")
 
 
-Amounts = Annotated[tuple[Amount, Amount, Amount], BeforeValidator(_three_numbers)]
+Amounts = Annotated[tuple[Amount, Amount, Amount], components(3)]
 
 
 class SpatialTorque(StrictModel):
@@ -384,12 +374,10 @@ class SpatialMechanism(MechanismModel):
 
     dimensions: Literal[3] = Field(description="3: the mechanism is spatial")
     points: dict[str, SpatialPoint] = Field({}, description="points of the ground")
-    bodies: dict[str, SpatialBody] = Field(description="rigid bodies")
+    bodies: dict[str, SpatialBody] = Field(min_length=1, description="rigid bodies")
     body_points: dict[str, SpatialBodyPoint] = Field({}, description="points on bodies")
     joints: dict[str, SpatialJoint] = Field({}, description="joints")
     motions: dict[str, JointMotion] = Field({}, description="prescribed motions")
-    springs: dict[str, Spring] = Field({}, description="linear springs between two points")
-    dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
     torsion_springs: dict[str, SpatialTorsionSpring] = Field(
         {}, description="springs about joints' axes"
     )
@@ -399,11 +387,6 @@ class SpatialMechanism(MechanismModel):
     torques: dict[str, SpatialTorque] = Field({}, description="torques")
     forces: dict[str, SpatialForce] = Field({}, description="forces at points of bodies")
     gravity: Vector = Field(_ORIGIN, description="acceleration of gravity (m/s²)")
-    assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
-    project_velocities: Truth = Field(
-        False,
-        description="replace initial velocities by the nearest, in the norm of M, that fit",
-    )
     rates: dict[str, OneOrBoth] = Field(
         {}, description="relative rates of joints (rad/s, m/s), met while velocities are projected"
     )
@@ -412,9 +395,3 @@ class SpatialMechanism(MechanismModel):
         description="constraints that depend on each other: refuse them, drop what is redundant, "
         "or release rows by joint, such as {P5: [q]}",
     )
-
-    @model_validator(mode="after")
-    def _has_bodies(self) -> "SpatialMechanism":
-        if not self.bodies:
-            raise misfit("bodies", "must name at least one body")
-        return self

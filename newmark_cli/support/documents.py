@@ -48,14 +48,16 @@ _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
 MOST_REPORTED = 50
 
 #: What pydantic says of Python, said of a document.
-_WORDED = {
+_WORDED: Mapping[str, str | Callable[[re.Match[str]], str]] = {
     "^Input should be a valid tuple": "must be a list",
     "^Input should be a valid dictionary": "must be a mapping of names to values",
     "^Input should be a valid string": "must be text",
     "^Input should be a valid number": "must be a number",
     "^Input should be a valid integer": "must be a whole number",
     "^Input should be": "must be",
-    r"^Tuple should have (.*) after validation, not (\d+)$": r"must have \1, given \2",
+    r"^\w+ should have (.*) after validation, not (\d+)$": r"must have \1, given \2",
+    # 1e30 in a word, not in 31 digits.
+    r"(?<=equal to )-?[\d.]+$": lambda number: f"{float(number[0]):.16g}",
 }
 
 
