@@ -141,7 +141,7 @@ def _build(
         if code is None:
             message = f"{push.python.rpartition(':')[0]} is code, which runs only with --allow-code"
             raise document.error((*path, "python"), message)
-    problem = under_way.completed(*start.consistent(under_way))
+    problem = start.consistent(under_way)
     if under_way.pushes and code is not None:
         problem = code(problem, tuple(under_way.pushes.values()))
     return problem

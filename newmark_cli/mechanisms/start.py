@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse
@@ -57,21 +57,7 @@ _NO_INERTIA = 1e-13
 _ASIDE, _RANK_TOLERANCE_ASIDE = 1e-6, 1e-8
 
 
-class Start(NamedTuple):
-    """A problem that starts consistently, and what was found of its constraints.
-
-    Attributes:
-        problem: Without the rows that were dropped.
-        shared: Parts whose rows have a share in what is redundant.
-        freedom: Degrees of freedom.
-    """
-
-    problem: Problem
-    shared: frozenset[str]
-    freedom: int
-
-
-def consistent(builder: Builder) -> Start:
+def consistent(builder: Builder) -> Problem:
     """The problem of a mechanism, with a consistent start and without redundant rows.
 
     Raises:
@@ -94,13 +80,12 @@ def consistent(builder: Builder) -> Start:
             gaps = redundancy.Gaps.of(problem, released, _scale(problem.u0))
             problem = replace(builder.problem(released), u0=problem.u0, gaps=gaps)
         problem = replace(problem, v0=_velocities(builder, problem, released, every))
-    with mistakes.gathered():
-        if problem.n <= DENSE_UP_TO:
-            _require_inertia(builder, problem)
-    mistakes.refuse()
     if problem.n > DENSE_UP_TO:
-        _require_regular(builder, problem)
-    return Start(problem, shared, freedom)
+        mistakes.refuse()  # inertia is looked for with rows that are independent
+    with mistakes.gathered():
+        _require_inertia(builder, problem)
+    mistakes.refuse()
+    return builder.completed(problem, shared, freedom)
 
 
 # -- positions --------------------------------------------------------------------------------
@@ -491,16 +476,13 @@ def _require_freedom(
 def _require_inertia(builder: Builder, problem: Problem) -> None:
     """Require M to be positive on the kernel of Gᵀ: whatever can move has inertia."""
     gradient = gradient_of(problem, problem.u0)
-    motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
-    if motions.size:
-        builder.document.refuse(builder.without_inertia(problem.u0, motions))
-
-
-def _require_regular(builder: Builder, problem: Problem) -> None:
-    """The same of a large mechanism, whose rows are independent."""
-    saddle = _saddle(problem, gradient_of(problem, problem.u0))
+    if problem.n <= DENSE_UP_TO:
+        motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
+        if motions.size:
+            builder.document.refuse(builder.without_inertia(problem.u0, motions))
+        return
     try:
-        pivots = np.abs(scipy.sparse.linalg.splu(saddle).U.diagonal())
+        pivots = np.abs(scipy.sparse.linalg.splu(_saddle(problem, gradient)).U.diagonal())
         regular = bool(pivots.min() > _NO_INERTIA * pivots.max())
     except RuntimeError:
         regular = False
