@@ -15,43 +15,14 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, Strict
+from pydantic import Field, Strict, create_model
 
 from newmark_cli.mechanisms.sines import sine_cosine
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.documents import WHOLE, StrictModel
 
-#: A million links take gigabytes; more is a slip of the finger.
-Size = Annotated[int, Strict(), Field(ge=1, le=1_000_000), WHOLE]
-#: Either side of a net: a million bars, too.
-Side = Annotated[int, Strict(), Field(ge=1, le=1000), WHOLE]
 #: Of what is drawn at random.
 _SEED = 20061012
-
-
-class ChainSize(StrictModel):
-    """Size of a chain."""
-
-    links: Size = Field(description="number of links")
-
-
-class FourBarsSize(StrictModel):
-    """Size of a row of four-bar linkages."""
-
-    windows: Size = Field(description="number of four-bar linkages")
-
-
-class SpatialChainSize(StrictModel):
-    """Size of a chain of bodies in space."""
-
-    bodies: Size = Field(description="number of bodies")
-
-
-class SpatialGridSize(StrictModel):
-    """Size of a net of bars in space."""
-
-    rows: Side = Field(description="number of bars that hang below each other")
-    columns: Side = Field(description="number of bars that hang side by side")
 
 
 @dataclass(frozen=True)
@@ -60,20 +31,30 @@ class Family:
 
     Attributes:
         title: One line.
-        size: Its parameters, whole numbers.
+        sizes: Its parameters, whole numbers, and what they count.
         counts: How many coordinates and constraints follow from them.
         mechanism: Sizes, by name → data of a mechanism.
+        most: What a size may be at most: a million links take gigabytes, and so does a net of
+            a million bars; more is a slip of the finger.
     """
 
     title: str
-    size: type[StrictModel]
+    sizes: Mapping[str, str]
     counts: str
     mechanism: Callable[..., dict[str, Any]]
+    most: int = 1_000_000
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the parameters."""
-        return tuple(self.size.model_fields)
+        return tuple(self.sizes)
+
+    @property
+    def size(self) -> type[StrictModel]:
+        """What a config may say of them."""
+        number = Annotated[int, Strict(), Field(ge=1, le=self.most), WHOLE]
+        fields: Any = {name: (number, Field(description=text)) for name, text in self.sizes.items()}
+        return create_model("Sizes", __base__=StrictModel, **fields)
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
@@ -276,33 +257,37 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
         "chain": Family(
             "point masses on massless bars, falling from a straight line",
-            ChainSize,
+            {"links": "number of links"},
             "n = 2 links, m = links",
             chain,
         ),
         "random-chain": Family(
             "random point masses on massless bars in random directions, falling",
-            ChainSize,
+            {"links": "number of links"},
             "n = 2 links, m = links",
             random_chain,
         ),
         "four-bars": Family(
             "four-bar linkages side by side, falling through a singular position",
-            FourBarsSize,
+            {"windows": "number of four-bar linkages"},
             "n = 2 windows + 2, m = 2 windows + 1",
             four_bars,
         ),
         "spatial-chain": Family(
             "bars on spherical joints, falling in space",
-            SpatialChainSize,
+            {"bodies": "number of bodies"},
             "n = 12 bodies, m = 9 bodies",
             spatial_chain,
         ),
         "spatial-grid": Family(
             "a net of bars on spherical joints, falling in space",
-            SpatialGridSize,
+            {
+                "rows": "number of bars that hang below each other",
+                "columns": "number of bars that hang side by side",
+            },
             "n = 24 rows columns - 12 rows, m = 21 rows columns - 12 rows",
             spatial_grid,
+            most=1000,
         ),
     }
 )

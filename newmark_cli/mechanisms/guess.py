@@ -1,7 +1,8 @@
 """Positions that a mechanism file guesses, and how far assembling has moved them."""
 
+import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -14,27 +15,13 @@ from newmark_cli.support.documents import Document
 _FAR = 2.0
 
 
-class Guess(NamedTuple):
-    """What a file guesses of positions.
-
-    Attributes:
-        names: (k,) moving points of a planar mechanism, bodies of a spatial one.
-        before, after: (k, 2) or (k, 3) their positions in the file, and assembled (m).
-    """
-
-    names: tuple[str, ...]
-    before: Array
-    after: Array
-
-    @property
-    def moved(self) -> dict[str, float]:
-        """How far assembling has moved each (m)."""
-        away = np.linalg.norm(self.after - self.before, axis=1)
-        return dict(zip(self.names, away.tolist(), strict=True))
+def _mechanism(problem: Problem) -> Any:
+    """What the file says; None of a problem that is none."""
+    return getattr(problem.drawing, "mechanism", problem.drawing)
 
 
-def guess(problem: Problem, mechanism: Any) -> Guess:
-    """Guessed positions next to those of the problem, which is assembled."""
+def _places(problem: Problem, mechanism: Any) -> tuple[tuple[str, ...], Array, Array]:
+    """(k,) moving points or bodies, and (k, 2) or (k, 3) their places in the file and now (m)."""
     if mechanism.dimensions == 2:
         names = problem.points
         before = [mechanism.points[name].at for name in names]
@@ -43,7 +30,7 @@ def guess(problem: Problem, mechanism: Any) -> Guess:
         names = tuple(mechanism.bodies)
         before = [mechanism.bodies[name].position for name in names]
         after = problem.u0.reshape(-1, 12)[:, :3]  # directors come behind an origin
-    return Guess(names, np.array(before, float), after)
+    return names, np.array(before, float), after
 
 
 def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
@@ -52,22 +39,23 @@ def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
     Too far is twice the size of the mechanism.  That is the box around its places as guessed or
     as assembled, the smaller of both: neither a position nor a length that is wrong makes it large.
     """
-    mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
+    mechanism = _mechanism(problem)
     if not mechanism.assemble:
         return ()
-    guessed = guess(problem, mechanism)
-    around = np.array(_fixed(mechanism), float).reshape(-1, guessed.before.shape[1])
+    names, before, after = _places(problem, mechanism)
+    around = np.array(_fixed(mechanism), float).reshape(-1, before.shape[1])
     size = min(
         float(np.linalg.norm(np.ptp(np.concatenate([around, places]), axis=0)))
-        for places in (guessed.before, guessed.after)
+        for places in (before, after)
     )
-    moved = guessed.moved
-    name = max(moved, key=moved.__getitem__)
-    if moved[name] <= _FAR * size:
+    away = np.linalg.norm(after - before, axis=1)
+    most = int(np.argmax(away))
+    if away[most] <= _FAR * size:
         return ()
+    name = names[most]
     path = ("points", name, "at") if mechanism.dimensions == 2 else ("bodies", name, "position")
-    before = ", ".join(f"{number:g}" for number in guessed.before[guessed.names.index(name)])
-    text = f"[{before}] is {moved[name]:.3g} m from where assembling puts {name}, more than twice"
+    guessed = ", ".join(f"{number:g}" for number in before[most])
+    text = f"[{guessed}] is {away[most]:.3g} m from where assembling puts {name}, more than twice"
     return (str(document.error(path, f"{text} the size of the mechanism, {size:.3g} m")),)
 
 
@@ -80,3 +68,28 @@ def _fixed(mechanism: Any) -> list[Sequence[float]]:
         for joint in mechanism.joints.values()
         if GROUND in (joint.from_, joint.to)
     ]
+
+
+def assembled(problem: Problem) -> list[str]:
+    """A line on how far assembling has moved what a file guesses; none if it guesses nothing."""
+    mechanism = _mechanism(problem)
+    if mechanism is None or not mechanism.assemble:
+        return []
+    names, before, after = _places(problem, mechanism)
+    away, text = (
+        np.linalg.norm(after - before, axis=1),
+        "{}, the farthest, is {:.3g} m from its guess",
+    )
+    found = [(away, 1e-12, text)]
+    if mechanism.dimensions == 3:
+        from newmark_cli.mechanisms.spatial_model import directors
+
+        turned = problem.u0.reshape(-1, 4, 3)[:, 1:] - directors(mechanism.bodies.values())
+        half = np.arcsin(np.minimum(np.linalg.norm(turned, axis=(1, 2)) / math.sqrt(8), 1.0))
+        found.append((2 * np.degrees(half), 1e-6, "{} has turned most, by {:.3g}°"))
+    parts = [
+        text.format(names[most], by[most])
+        for by, least, text in found
+        if by[most := int(np.argmax(by))] >= least
+    ]
+    return [f"  assembled: {'; '.join(parts) or 'nothing moved'}"]

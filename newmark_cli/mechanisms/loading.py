@@ -1,13 +1,10 @@
 """Mechanism files, planar or spatial."""
 
-import math
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
@@ -174,32 +171,6 @@ def made(name: str, data: dict[str, Any], mechanism: Any = None) -> Problem:
 def is_mechanism(data: Any) -> bool:
     """Whether the data of a file are those of a mechanism rather than of a study."""
     return isinstance(data, dict) and not data.keys().isdisjoint(OF_MECHANISMS)
-
-
-def assembled(problem: Problem) -> list[str]:
-    """A line on how far assembling has moved what a file guesses; none if it guesses nothing."""
-    mechanism = getattr(problem.drawing, "mechanism", problem.drawing)
-    if mechanism is None or not mechanism.assemble:
-        return []
-    from newmark_cli.mechanisms import guess
-
-    moved, turned = guess.guess(problem, mechanism).moved, {}
-    if len(problem.axes) == 3:
-        from newmark_cli.mechanisms.spatial_model import directors
-
-        vectors = problem.u0.reshape(-1, 4, 3)  # origins and directors
-        away = np.linalg.norm(vectors[:, 1:] - directors(mechanism.bodies.values()), axis=(1, 2))
-        for body, apart in zip(mechanism.bodies, away.tolist(), strict=True):
-            turned[body] = 2 * math.degrees(math.asin(min(apart / math.sqrt(8), 1.0)))
-    parts = []
-    for by, least, text in (
-        (moved, 1e-12, "{}, the farthest, is {:.3g} m from its guess"),
-        (turned, 1e-6, "{} has turned most, by {:.3g}°"),
-    ):
-        most = max(by, key=by.__getitem__, default="")
-        if most and by[most] >= least:
-            parts.append(text.format(most, by[most]))
-    return [f"  assembled: {'; '.join(parts) or 'nothing moved'}"]
 
 
 def is_spatial(data: Any) -> bool:

@@ -688,7 +688,9 @@ def describe(name: str, allow_code: bool) -> list[str]:
         else:
             problem = loading.built(name, document)
         warn(*problem.doubts)
-        return _summary(name, problem) + loading.assembled(problem)
+        from newmark_cli.mechanisms import guess
+
+        return _summary(name, problem) + guess.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))
     warn(*unjudged(study))
     return [f"{name}: study {study.study}, {study.count} cells"]
