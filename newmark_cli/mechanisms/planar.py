@@ -40,7 +40,6 @@ from newmark_cli.mechanisms.models import (
     TorsionSpring,
     driven,
 )
-from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Push
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import KeyPath
@@ -80,6 +79,8 @@ class PlanarBuilder(builder.Builder):
         points = self.mechanism.points
         self.moving: dict[str, int] = {}
         self.fixed: dict[str, complex] = {UNIT: 1 + 0j}
+        #: Of all points.
+        self.start: dict[str, complex] = {UNIT: 1 + 0j}
         self.sites: dict[str, dict[str, complex]] = {point: {point: 1} for point in points}
         #: Of the places of angles that are coordinates.
         self.turning_mass: dict[int, float] = {}
@@ -198,10 +199,6 @@ class PlanarBuilder(builder.Builder):
 
     # -- vectors ---------------------------------------------------------------------------------
 
-    def body(self, name: str, path: KeyPath) -> Body:
-        body: Body = self.known("bodies", name, path)
-        return body
-
     def site(self, name: str, path: KeyPath) -> Weights:
         """A point as Σ (a + bR) P over others."""
         site: Weights = self.known("points", name, path, self.sites)
@@ -237,14 +234,7 @@ class PlanarBuilder(builder.Builder):
 
     def vector(self, weights: Weights) -> complex:
         """Initial value of Σ (a + bR) P."""
-        return sum((weight * self._start(name) for name, weight in weights.items()), 0j)
-
-    def _start(self, name: str) -> complex:
-        if name in self.fixed:
-            return self.fixed[name]
-        at = self.mechanism.points[name].at
-        assert at is not None
-        return complex(*at)
+        return sum((weight * self.start[name] for name, weight in weights.items()), 0j)
 
     def combination(self, weights: Weights) -> Sum:
         """Σ (a + bR) P: what is constant of it, and its terms."""
@@ -264,7 +254,7 @@ class PlanarBuilder(builder.Builder):
 
     def angle(self, body: str, path: KeyPath) -> int:
         """Place in u of the angle of a body, which becomes a coordinate."""
-        part = self.body(body, path)
+        part = self.known("bodies", body, path)
         name = f"{body}.angle"
         if name in self.turning:
             return self.turning[name]
@@ -353,13 +343,14 @@ class PlanarBuilder(builder.Builder):
         if (point.fixed is None) == (point.at is None):
             message = "needs either 'fixed' or 'at', the initial position"
             raise self.document.error(path, message)
+        name = str(path[1])
         if point.fixed is not None:
-            self.fixed[str(path[1])] = complex(*point.fixed)
-        else:
-            self.moving[str(path[1])] = 2 * len(self.moving)
+            self.fixed[name] = self.start[name] = complex(*point.fixed)
+        elif point.at is not None:
+            self.moving[name], self.start[name] = 2 * len(self.moving), complex(*point.at)
 
     def _body_points(self, point: BodyPoint, path: KeyPath) -> None:
-        body = self.body(point.on, (*path, "on"))
+        body = self.known("bodies", point.on, (*path, "on"))
         if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
             raise Follows
         z = complex(*point.at) / body.length
@@ -390,7 +381,7 @@ class PlanarBuilder(builder.Builder):
         through = complex(*line.through)
         along, origin = {UNIT: direction}, {UNIT: through}
         if line.on is not None:
-            body = self.body(line.on, (*path, "on"))
+            body = self.known("bodies", line.on, (*path, "on"))
             turn, z = direction / body.length, through / body.length
             along, origin = {body.to: turn, body.from_: -turn}, {body.from_: 1 - z, body.to: z}
         away = _minus(site, origin)
@@ -440,7 +431,7 @@ class PlanarBuilder(builder.Builder):
             self.pair(turned, away, (), law_path, self.fitting(law, now, law_path), law)
         elif motion.relative_to is not None:
             assert motion.body is not None
-            self.body(motion.body, (*path, "body"))
+            self.known("bodies", motion.body, (*path, "body"))
             names = motion.relative_to, motion.body
             angles = self.relative(*names, path, ("relative_to", "body"))
             now = self.sum_of(angles)
@@ -450,7 +441,7 @@ class PlanarBuilder(builder.Builder):
             self.pair({}, {}, angles, law_path, (first + 2 * math.pi * turns, *others), law)
         else:
             assert motion.body is not None
-            body = self.body(motion.body, (*path, "body"))
+            body = self.known("bodies", motion.body, (*path, "body"))
             difference = self.difference(body.from_, body.to, path)
             vector = self.vector(difference)
             now = math.atan2(vector.imag, vector.real)
@@ -466,7 +457,7 @@ class PlanarBuilder(builder.Builder):
             with self.checked():
                 if name is None:
                     continue
-                body = self.body(name, (*path, key))
+                body = self.known("bodies", name, (*path, key))
                 between = self.between(body.from_, body.to, path)
                 constant = 0.0 if isinstance(torque.torque, Law) else sign * torque.torque
                 timed = [] if law is None else [laws.Timed(law, law.parameters(), 0, sign)]
@@ -481,20 +472,17 @@ class PlanarBuilder(builder.Builder):
                 _, single = self.component(site, normal)
                 self.add("FORCE", single=single, parameters=law.parameters(), law=law)
 
-    def _twist(self, angles: Angles, rest: float, stiffness: float, damping: float) -> None:
-        """Add a torque −stiffness (q − rest) − damping q' of q = Σ w θ."""
-        self.add("TWIST", single=angles, parameters=(rest, stiffness, damping))
-
     def _torsion_springs(self, spring: TorsionSpring, path: KeyPath) -> None:
         angles = self.relative(spring.from_, spring.to, path)
         rest = counted = self.sum_of(angles)
         if spring.rest_angle is not None:
             # The file counts from an angle within ±π, the coordinates perhaps from another turn.
             rest = spring.rest_angle + 2 * math.pi * round(counted / (2 * math.pi))
-        self._twist(angles, rest, spring.stiffness, 0.0)
+        self.add("TWIST", single=angles, parameters=(rest, spring.stiffness, 0.0))
 
     def _torsion_dampers(self, damper: TorsionDamper, path: KeyPath) -> None:
-        self._twist(self.relative(damper.from_, damper.to, path), 0.0, 0.0, damper.damping)
+        angles = self.relative(damper.from_, damper.to, path)
+        self.add("TWIST", single=angles, parameters=(0.0, 0.0, damper.damping))
 
     def _angle_joints(self, joint: AngleJoint, path: KeyPath) -> None:
         """A constant angle: (Δ_a turned by φ) × Δ_b = 0."""
@@ -504,7 +492,7 @@ class PlanarBuilder(builder.Builder):
         def direction(name: str, key: str) -> Weights:
             if self.is_ground(name):
                 return {UNIT: 1 + 0j}
-            body = self.body(name, (*path, key))
+            body = self.known("bodies", name, (*path, key))
             return self.difference(body.from_, body.to, (*path, key))
 
         end, start = direction(joint.to, "to"), direction(joint.from_, "from")
@@ -530,7 +518,7 @@ class PlanarBuilder(builder.Builder):
         On a line d × Δ = ±r and d·Δ ± r (θ − ψ) is constant; on a circle |Δ| = R ± r, and
         (R ± r) ψ − R θ_b ∓ r θ is constant, with ψ the angle of the line of centres.
         """
-        body = self.body(rolling.wheel, (*path, "wheel"))
+        body = self.known("bodies", rolling.wheel, (*path, "wheel"))
         centre = rolling.centre or body.from_
         centre_path = (*path, "wheel" if rolling.centre is None else "centre")
         contact, no_slip, radius = (*path, "contact"), (*path, "rolling"), rolling.radius
@@ -579,21 +567,15 @@ class PlanarBuilder(builder.Builder):
                 sites.append(self.site(point, (*path, "on", place)))
         if len(sites) < len(force.on):
             raise Follows
-        names = list(dict.fromkeys(name for site in sites for name in site))
-        moving = [name for name in names if name in self.moving]
-        if not moving:
+        sums = [self.combination(site) for site in sites]
+        places = list(dict.fromkeys(place for of in sums for place, _, _ in of.terms))
+        if not places:
             raise self.document.error((*path, "on"), "must name a point that moves")
-        weights = np.zeros((2 * len(sites), 2 * len(moving)))
-        offsets = np.zeros(2 * len(sites))
-        for k, site in enumerate(sites):
-            for name, weight in site.items():
-                a, b = complex(weight).real, complex(weight).imag
-                block = np.array([[a, -b], [b, a]])
-                if name in self.fixed:
-                    at = self.fixed[name]
-                    offsets[2 * k : 2 * k + 2] += product(block, [at.real, at.imag])
-                else:
-                    j = 2 * moving.index(name)
-                    weights[2 * k : 2 * k + 2, j : j + 2] = block
-        coordinates = [self.moving[name] + c for name in moving for c in (0, 1)]
+        weights = np.zeros((2 * len(sums), 2 * len(places)))
+        for k, of in enumerate(sums):
+            for place, a, b in of.terms:
+                j = 2 * places.index(place)
+                weights[2 * k : 2 * k + 2, j : j + 2] = [[a, -b], [b, a]]
+        coordinates = [place + c for place in places for c in (0, 1)]
+        offsets = np.array([of.constant for of in sums]).ravel()
         self.pushes[path] = Push(force.python, coordinates, weights, offsets)

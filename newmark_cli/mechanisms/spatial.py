@@ -87,19 +87,6 @@ _NO_INERTIA = 1e-13
 _SEEN = 1e-6
 
 
-def _mass_rank(problem: Problem) -> int:
-    """Rank of M, which is S ⊗ 1 for each body."""
-    blocks = np.zeros((problem.n // PER_BODY, 4, 4))
-    rows, columns = problem.pattern.mass_rows, problem.pattern.mass_columns
-    along = rows % 3 == 0
-    body = rows[along] // PER_BODY
-    i, j = rows[along] % PER_BODY // 3, columns[along] % PER_BODY // 3
-    blocks[body, i, j] = problem.mass_values[along]
-    values = np.linalg.eigvalsh(blocks)
-    largest = np.maximum(values[:, -1:], 1e-300)
-    return 3 * int(np.count_nonzero(values > _NO_INERTIA * largest))
-
-
 class SpatialBuilder(builder.Builder):
     """Turns a mechanism in space into the tables of the element loop.
 
@@ -169,12 +156,14 @@ class SpatialBuilder(builder.Builder):
 
     def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
         """With what depends on rows that were dropped, and what nothing holds."""
+        moments = np.linalg.eigvalsh(self.inertia)
+        largest = np.maximum(moments[:, -1:], 1e-300)
         held = {side.body for joint in self.made.values() for side in joint.sides}
         model = replace(
             problem.drawing,
             shared=shared,
             freedom=freedom,
-            mass_rank=_mass_rank(problem),
+            mass_rank=3 * int(np.count_nonzero(moments > _NO_INERTIA * largest)),
             loose=tuple(body for body, number in self.numbers.items() if number not in held),
         )
         assert isinstance(problem.outputs, SpatialOutputs)
