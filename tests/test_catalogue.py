@@ -23,15 +23,6 @@ def test_sizes_of_shipped_problems_are_those_of_the_built(sections):
         assert mechanism.description
 
 
-@each("name", registry.PROBLEMS)
-def test_pictures_show_the_start_of_the_built(name):
-    """What is drawn without building anything is where the problem starts, to the last bit."""
-    picture, built = registry.picture(name), registry.problem(name)
-    assert (picture.drawing, picture.points) == (built.drawing, built.points)
-    assert picture.u0.dtype == built.u0.dtype
-    assert picture.u0.tobytes() == built.u0.tobytes()
-
-
 @each("name", FAMILIES)
 def test_sizes_of_families_are_those_of_their_members(sections, name):
     family = FAMILIES[name]

@@ -5,16 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from newmark_cli.problems.problem import Problem, ProblemError
-from newmark_cli.support.arrays import Array
 from newmark_cli.support.spelling import nearest
-
-if TYPE_CHECKING:
-    from newmark_cli.mechanisms.models import Mechanism
 
 _FOLDER = Path(__file__).parent / "shipped"
 
@@ -50,17 +44,6 @@ def problem(name: str) -> Problem:
     return loading.load(file(name), name)
 
 
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """Data from which a shipped problem is drawn in its initial position."""
-
-    drawing: "Mechanism"
-    points: tuple[str, ...]
-    u0: Array
-    axes: str = "xy"
-    released: tuple[str, ...] = ()
-
-
 @cache
 def is_spatial(name: str) -> bool:
     """Whether there is a shipped mechanism in space of this name; nothing is built."""
@@ -68,21 +51,6 @@ def is_spatial(name: str) -> bool:
 
     data = documents.read(file(name)).data if name in PROBLEMS else {}
     return data.get("dimensions") == 3
-
-
-def picture(name: str) -> Picture:
-    """Of the shipped problem of this name; built, and so compiled, only where it must be."""
-    from newmark_cli.mechanisms.models import Mechanism
-    from newmark_cli.support import documents
-
-    document = documents.read(file(name))
-    # Of an assembled one the file has a guess only.
-    if document.data.get("dimensions") == 3 or document.data.get("assemble"):
-        built = problem(name)
-        return Picture(built.drawing, built.points, built.u0, built.axes, built.released)
-    mechanism = documents.validate(document, Mechanism)
-    moving = {key: point.at for key, point in mechanism.points.items() if point.at is not None}
-    return Picture(mechanism, tuple(moving), np.array(list(moving.values())).reshape(-1))
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ def pictures(results: Results) -> list[Picture]:
 
 
 def _mechanism(name: str) -> Picture:
-    subject, title = registry.picture(name), registry.about(name).title
+    subject, title = registry.problem(name), registry.about(name).title
     sheet = mechanism_sheet(title, subject, subject.u0)
     svg = inline_svg(draw.drawn(sheet), f"mechanism-{name}-", sheet.words)
     caption = f"{name}: {title}, initial position"

@@ -347,7 +347,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
 
 def _mechanism(figure: Figure, results: Results) -> Sheet:
     """A mechanism in its initial position; needs no results."""
-    from newmark_cli.mechanisms.registry import PROBLEMS, picture
+    from newmark_cli.mechanisms.registry import PROBLEMS, problem
     from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 
     if figure.problem not in PROBLEMS:
@@ -355,7 +355,7 @@ def _mechanism(figure: Figure, results: Results) -> Sheet:
             f"figure {figure.name}: {figure.problem} is not a shipped mechanism; "
             f"'newmark-study draw {figure.problem}' draws it"
         )
-    subject = picture(figure.problem)
+    subject = problem(figure.problem)
     sheet = mechanism_sheet(figure.title, subject, subject.u0)
     return replace(sheet, settings={**sheet.settings, **figure.style})
 
