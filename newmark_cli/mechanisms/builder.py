@@ -12,8 +12,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from newmark_cli.mechanisms import element_tables, elements, laws
-from newmark_cli.mechanisms.element_tables import ElementList, Shape, Term
+from newmark_cli.mechanisms import elements, laws
+from newmark_cli.mechanisms.element_tables import ElementList, Group, Shape, Term
 from newmark_cli.mechanisms.models import Law, MechanismModel
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
@@ -80,6 +80,7 @@ class Builder(ABC):
         turning: Angles that are coordinates: name → place in u.
         pushes: Forces in Python.
         loads: (vectors, components) constant forces.
+        mass: (2, k) places of M, in their order, and their values.
     """
 
     #: What a file may say, its keys of parts in the order of their rows, components of a vector.
@@ -100,6 +101,7 @@ class Builder(ABC):
         self.turning: dict[str, int] = {}
         self.pushes: dict[KeyPath, Push] = {}
         self.loads: Array
+        self.mass: tuple[IndexArray, Array]
         self.prepare()
         for key in self.parts:
             parts, build = getattr(mechanism, key), getattr(self, f"_{key}")
@@ -112,9 +114,10 @@ class Builder(ABC):
         self.weigh()
         loaded = np.flatnonzero(np.any(self.loads != 0, axis=1))
         places = self.components * loaded
-        self.elements.add_arrays(
-            [element_tables.loads(np.arange(len(loaded)), places, self.loads[loaded])]
-        )
+        shape = Shape(elements.LOAD, 1, self.components, 0, self.components, 1, 0, 0)
+        of_no_row = np.full(len(loaded), -1)
+        group = Group(shape, np.arange(len(loaded)), of_no_row, places[:, None], self.loads[loaded])
+        self.elements.add_arrays([group])
 
     @abstractmethod
     def prepare(self) -> None:
@@ -127,10 +130,6 @@ class Builder(ABC):
     @abstractmethod
     def weigh(self) -> None:
         """Complete masses and loads of sound parts."""
-
-    @abstractmethod
-    def masses(self) -> tuple[IndexArray, Array]:
-        """(2, k) places of M, and their values."""
 
     @abstractmethod
     def position(self) -> Array:
@@ -160,7 +159,7 @@ class Builder(ABC):
         """The problem as the file has it, without the constraints of these numbers."""
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         tables = self.elements.tables(sorted(released))
-        places, values = self.masses()
+        places, values = self.mass
         return Problem(
             name=self.name,
             u0=self.position(),

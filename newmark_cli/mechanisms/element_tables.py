@@ -278,10 +278,3 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
 def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray) -> None:
     """Write each row of values from its place on."""
     to[begins[:, None] + np.arange(values.shape[1])] = values
-
-
-def loads(numbers: IndexArray, places: IndexArray, forces: Array) -> Group:
-    """Constant forces (k, components) (N) on the vectors at these places in u."""
-    components = forces.shape[1]
-    shape = Shape(elements.LOAD, 1, components, 0, components, 1, 0, 0)
-    return Group(shape, numbers, np.full(len(numbers), -1), places[:, None], forces)

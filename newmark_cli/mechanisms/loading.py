@@ -1,20 +1,16 @@
 """Mechanism files, planar or spatial."""
 
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli.problems.problem import Problem, Push
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, DocumentError, File, KeyPath
 
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.builder import Builder
-
-#: What adds forces in Python to a problem.
-Code = Callable[[Problem, Sequence[Push]], Problem]
 
 #: Keys that only spatial mechanisms have.
 _SPATIAL = ("joints", "rates", "redundant")
@@ -36,14 +32,7 @@ def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
         DocumentError: For mistakes in the file, each with file, line and key.
         ProblemError: When forces in Python cannot be used.
     """
-
-    def code(problem: Problem, pushes: Sequence[Push]) -> Problem:
-        from newmark_cli.problems import python_problem
-
-        assert folder is not None
-        return python_problem.pushed(problem, pushes, folder, os.path.dirname(file.name))
-
-    problem = built(name, file.document(), None if folder is None else code)
+    problem = built(name, file.document(), folder)
     return replace(problem, sources={Path(file.name).name: file.content, **problem.sources})
 
 
@@ -57,8 +46,8 @@ def has_code(data: Any) -> bool:
     return isinstance(data, dict) and bool(data.get("python_forces"))
 
 
-def built(name: str, document: Document, code: Code | None = None) -> Problem:
-    """Problem from a mechanism file that was read.
+def built(name: str, document: Document, folder: Path | None = None) -> Problem:
+    """Problem from a mechanism file that was read; its code runs if its folder is given.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
@@ -72,11 +61,11 @@ def built(name: str, document: Document, code: Code | None = None) -> Problem:
             raise document.error(("dimensions",), f"must be 2 or 3, given {dimensions!r:.40}")
     from newmark_cli.mechanisms import guess
 
-    problem = _built(name, document, code)
+    problem = _built(name, document, folder)
     return replace(problem, doubts=guess.doubts(problem, document))
 
 
-def _built(name: str, document: Document, code: Code | None) -> Problem:
+def _built(name: str, document: Document, folder: Path | None) -> Problem:
     if isinstance(document.data, dict) and "dimensions" not in document.data:
         message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
         for key in _SPATIAL:
@@ -96,7 +85,20 @@ def _built(name: str, document: Document, code: Code | None) -> Problem:
             _check_rest(kind, name, document, error)
         mistakes.refuse()
         raise
-    return _build(kind, name, mechanism, document, code)
+    from newmark_cli.mechanisms import start
+
+    builder = kind(name, document, mechanism)
+    for path, push in builder.pushes.items():
+        if folder is None:
+            message = f"{push.python.rpartition(':')[0]} is code, which runs only with --allow-code"
+            raise document.error((*path, "python"), message)
+    problem = start.consistent(builder)
+    if builder.pushes and folder is not None:
+        from newmark_cli.problems import python_problem
+
+        pushes, beside = tuple(builder.pushes.values()), os.path.dirname(document.name)
+        problem = python_problem.pushed(problem, pushes, folder, beside)
+    return problem
 
 
 def _check_rest(kind: "type[Builder]", name: str, document: Document, error: DocumentError) -> None:
@@ -126,22 +128,6 @@ def _check_rest(kind: "type[Builder]", name: str, document: Document, error: Doc
 
     broken = [(ALIASES.get(str(key), str(key)), str(part)) for key, part in parts]
     kind(name, document, documents.validate(document, kind.model, sound), broken)
-
-
-def _build(
-    kind: Any, name: str, mechanism: Any, document: Document, code: Code | None = None
-) -> Problem:
-    from newmark_cli.mechanisms import start
-
-    under_way: Builder = kind(name, document, mechanism)
-    for path, push in under_way.pushes.items():
-        if code is None:
-            message = f"{push.python.rpartition(':')[0]} is code, which runs only with --allow-code"
-            raise document.error((*path, "python"), message)
-    problem = start.consistent(under_way)
-    if under_way.pushes and code is not None:
-        problem = code(problem, tuple(under_way.pushes.values()))
-    return problem
 
 
 def _builder(data: Any) -> "type[Builder]":

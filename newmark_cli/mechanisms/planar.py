@@ -138,7 +138,7 @@ class PlanarBuilder(builder.Builder):
         # Added up in this order.
         added = np.append(values[there], [*self.turning_mass.values()])
         sums = np.asarray(np.bincount(slots, added), float)
-        self.mass: tuple[IndexArray, Array] = np.stack([keys // n, keys % n]), sums
+        self.mass = np.stack([keys // n, keys % n]), sums
 
     def _mass_blocks(self) -> tuple[IndexArray, IndexArray, Array, Array]:
         """Places in u of the 2×2 blocks a + bR of M, −1 for a fixed point's columns, a and b."""
@@ -166,10 +166,6 @@ class PlanarBuilder(builder.Builder):
         b = np.append(np.stack([none, turned, -turned, none], axis=1), 0 * masses)
         kept = (rows >= 0) & ((a != 0) | (b != 0))
         return rows[kept], columns[kept], a[kept], b[kept]
-
-    def masses(self) -> tuple[IndexArray, Array]:
-        """(2, k) places of M, in their order, and their values."""
-        return self.mass
 
     def position(self) -> Array:
         """(n,) coordinates: moving points, and angles behind them."""

@@ -35,7 +35,7 @@ from newmark_cli.mechanisms.spatial_model import (
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
 
 #: Coordinates of a body.
@@ -133,15 +133,13 @@ class SpatialBuilder(builder.Builder):
     # -- what it is asked for ------------------------------------------------------------------
 
     def weigh(self) -> None:
-        """Masses are complete with their bodies."""
+        """M = S ⊗ 1."""
         if not self.inertia.any():
             raise self.document.error(("bodies",), "no body has mass")
-
-    def masses(self) -> tuple[IndexArray, Array]:
-        """(2, k) places and values of M = S ⊗ 1."""
         every = np.repeat(self.inertia[:, None], 3, axis=1)
         body, c, row, column = np.nonzero(every)
-        return PER_BODY * body + 3 * np.stack([row, column]) + c, every[body, c, row, column]
+        places = PER_BODY * body + 3 * np.stack([row, column]) + c
+        self.mass = places, every[body, c, row, column]
 
     def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
         """Its bodies, joints and points."""

@@ -105,9 +105,12 @@ class Sized:
         """Family → parameter → number."""
         return {self.family: dict(self.sizes)}
 
+    @cache  # noqa: B019 - one for all cells that share it
     def load(self) -> Problem:
         """The problem."""
-        return _sized(self)
+        from newmark_cli.mechanisms.families import FAMILIES
+
+        return FAMILIES[self.family].problem(self.label, dict(self.sizes))
 
     def traits(self) -> Traits:
         """From small members: each unit of a size adds as much as the one before."""
@@ -123,13 +126,6 @@ class Sized:
             n, m = n + share * member.n, m + share * member.m
         twos = tuple((name, 2) for name in names)
         return Traits(self.label, n, m, Sized(self.family, twos).load())
-
-
-@cache
-def _sized(spec: Sized) -> Problem:
-    from newmark_cli.mechanisms.families import FAMILIES
-
-    return FAMILIES[spec.family].problem(spec.label, dict(spec.sizes))
 
 
 @dataclass(frozen=True)
