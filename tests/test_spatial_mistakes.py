@@ -105,7 +105,7 @@ MISTAKES = {
     ),
     "torsion spring wound up": (
         "gravity", "torsion_springs: {t: {on: A, stiffness: 1, rest_angle: 4}}\ngravity", 13,
-        "torsion_springs.t.rest_angle", "must be between -3 and 3, given 4",
+        "torsion_springs.t.rest_angle", "must be less than or equal to 3, given 4",
     ),
     "motion of nothing": (
         "gravity", "motions: {m: {joint: A, x: {rate: 1}}}\ngravity", 13, "motions.m",

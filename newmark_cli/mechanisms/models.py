@@ -7,10 +7,11 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from types import SimpleNamespace
-from typing import Annotated, Any, Literal
+from types import MappingProxyType, SimpleNamespace
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -46,6 +47,13 @@ def components(count: int) -> BeforeValidator:
         return value
 
     return BeforeValidator(checked)
+
+
+def directed(vector: tuple[float, ...]) -> tuple[float, ...]:
+    """What refuses a direction without length."""
+    if math.hypot(*vector) == 0:
+        raise ValueError(f"must not be {[0] * len(vector)}: it has no direction")
+    return vector
 
 
 Vector = Annotated[tuple[Bounded, Bounded], components(2)]
@@ -113,13 +121,9 @@ class Line(StrictModel):
     through: Vector = Field(
         description="a point of the line (m); of a body's, along and across from its first point"
     )
-    direction: Vector = Field(description="direction of the line; its length does not matter")
-
-    @model_validator(mode="after")
-    def _has_direction(self) -> "Line":
-        if math.hypot(*self.direction) == 0:
-            raise misfit("direction", "must not be [0, 0]: it has no direction")
-        return self
+    direction: Annotated[Vector, AfterValidator(directed)] = Field(
+        description="direction of the line; its length does not matter"
+    )
 
 
 class Slider(Line):
@@ -248,19 +252,51 @@ def size_of(amount: "float | Law") -> float:
     return 1.0 if isinstance(amount, Law) else amount
 
 
+def amounts_of(given: Any) -> tuple[Any, ...]:
+    """Components of what may be one amount or several."""
+    return given if isinstance(given, tuple) else (given,)
+
+
 def laws_of(amounts: Sequence["float | Law"]) -> dict[int, Law]:
     """Those of several numbers that are laws of time, by their places."""
     return {place: amount for place, amount in enumerate(amounts) if isinstance(amount, Law)}
 
 
-def driven(motion: Any) -> dict[str, Law]:
-    """Quantity → law that drives it."""
-    keys = ("angle", "distance", "x", "y", "z")
-    return {key: law for key in keys if (law := getattr(motion, key, None)) is not None}
+class DrivenModel(StrictModel):
+    """What laws of time drive.
+
+    Attributes:
+        drives: What may be driven, and keys of laws and of what else belongs to it.
+        needs: The same in words.
+    """
+
+    drives: ClassVar[Mapping[str, Sequence[str]]]
+    needs: ClassVar[str]
+
+    @property
+    def driven(self) -> dict[str, Law]:
+        """Quantity → law that drives it."""
+        return {key: value for key, value in self if isinstance(value, Law)}
+
+    @model_validator(mode="after")
+    def _drives_one_thing(self) -> Self:
+        named = [
+            any(getattr(self, key) is not None for key in (subject, *keys))
+            for subject, keys in self.drives.items()
+        ]
+        subjects = [getattr(self, subject) is not None for subject in self.drives]
+        if sum(named) != 1 or named != subjects or not self.driven:
+            raise ValueError(f"needs {self.needs}")
+        return self
 
 
-class Motion(StrictModel):
+class Motion(DrivenModel):
     """A prescribed motion: of a point (m), of the angle of a body (rad), or along a slider (m)."""
+
+    drives = MappingProxyType(
+        {"point": ("x", "y"), "body": ("angle", "relative_to"), "slider": ("distance",)}
+    )
+    needs = "a point with x or y, a body with angle, or a slider with distance"
 
     point: str | None = Field(None, description="driven point")
     x: Law | None = Field(None, description="law of its first coordinate")
@@ -276,22 +312,6 @@ class Motion(StrictModel):
     distance: Law | None = Field(
         None, description="law of the place of its point on the line, from 'through' on"
     )
-
-    @model_validator(mode="after")
-    def _drives_one_thing(self) -> "Motion":
-        of_point = bool(self.point is not None or self.x or self.y)
-        of_body = bool(self.body is not None or self.angle or self.relative_to is not None)
-        of_slider = bool(self.slider is not None or self.distance)
-        complete = (
-            (self.point is not None and (self.x or self.y))
-            or (self.body is not None and self.angle)
-            or (self.slider is not None and self.distance)
-        )
-        if of_point + of_body + of_slider != 1 or not complete:
-            raise ValueError(
-                "needs a point with x or y, a body with angle, or a slider with distance"
-            )
-        return self
 
 
 class Force(StrictModel):
@@ -452,7 +472,7 @@ class MechanismModel(StrictModel):
             any(damper.damping for damper in all_of("dampers", "torsion_dampers"))
             or any(torque.acts for torque in all_of("torques"))
             or any(law.moves for one in all_of("forces") for law in laws_of(one.force).values())
-            or any(law.moves for one in all_of("motions") for law in driven(one).values())
+            or any(law.moves for one in all_of("motions") for law in one.driven.values())
             or any(all_of("python_forces"))
         )
 

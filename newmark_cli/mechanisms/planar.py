@@ -38,7 +38,6 @@ from newmark_cli.mechanisms.models import (
     Torque,
     TorsionDamper,
     TorsionSpring,
-    driven,
 )
 from newmark_cli.problems.problem import Push
 from newmark_cli.support.arrays import Array, IndexArray
@@ -406,12 +405,11 @@ class PlanarBuilder(builder.Builder):
 
     def _motions(self, motion: Motion, path: KeyPath) -> None:
         """A law of time: of a place, of an angle or between two, or along a line."""
-        laws_of_motion = driven(motion)
-        key, law = next(iter(laws_of_motion.items()))
+        key, law = next(iter(motion.driven.items()))
         law_path = (*path, key)
         if motion.point is not None:
             site = self.moving_site(motion.point, (*path, "point"))
-            for key, law in laws_of_motion.items():
+            for key, law in motion.driven.items():
                 normal = 1 + 0j if key == "x" else 1j
                 now = (normal.conjugate() * self.vector(site)).real
                 with self.checked():

@@ -15,7 +15,7 @@ from newmark_cli.mechanisms import builder, elements, laws
 from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
 from newmark_cli.mechanisms.element_tables import Group, Shape, Term
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.mechanisms.models import GROUND, Law, driven, laws_of
+from newmark_cli.mechanisms.models import GROUND, Law, amounts_of, laws_of
 from newmark_cli.mechanisms.spatial_model import (
     JointMotion,
     SpatialBody,
@@ -74,11 +74,6 @@ class SpatialModel:
     def title(self) -> str:
         """Heads drawings."""
         return self.mechanism.title
-
-    @property
-    def description(self) -> str:
-        """Kind and motion, in one line."""
-        return self.mechanism.description
 
 
 #: Largest moment of a body, relative to others, with which a motion has no inertia.
@@ -424,7 +419,7 @@ class SpatialBuilder(builder.Builder):
     # -- motions and forces ----------------------------------------------------------------------
 
     def _motions(self, motion: JointMotion, path: KeyPath) -> None:
-        for key, law in driven(motion).items():
+        for key, law in motion.driven.items():
             with self.checked():
                 if motion.joint is not None:
                     self._drive(motion.joint, key, law, path)
@@ -476,7 +471,7 @@ class SpatialBuilder(builder.Builder):
 
     def _torques(self, torque: SpatialTorque, path: KeyPath) -> None:
         of_body, of_joint = torque.on in self.numbers, torque.on in self.mechanism.joints
-        amounts = torque.torque if isinstance(torque.torque, tuple) else (torque.torque,)
+        amounts = amounts_of(torque.torque)
         constants = [0.0 if isinstance(amount, Law) else amount for amount in amounts]
         timed = [laws.Timed(law, law.parameters(), axis) for axis, law in laws_of(amounts).items()]
         if not isinstance(torque.torque, tuple):

@@ -6,6 +6,7 @@ Geometry is given as it stands at the start, in global axes.  Only ``centre``, `
 
 import math
 from collections.abc import Iterable, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -18,16 +19,19 @@ from newmark_cli.mechanisms.models import (
     PLAIN,
     Amount,
     Bounded,
+    DrivenModel,
     Law,
     Length,
     MechanismModel,
     NotNegative,
+    amounts_of,
     branch,
     components,
+    directed,
 )
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.documents import StrictModel, misfit
+from newmark_cli.support.documents import Number, StrictModel, misfit
 
 #: Largest cosine of directions that are to be perpendicular: those of few digits are made so.
 _SKEW = 1e-3
@@ -38,13 +42,7 @@ _IMPOSSIBLE = 1e-12
 Vector = Annotated[tuple[Bounded, Bounded, Bounded], components(3)]
 
 
-def _has_length(value: tuple[float, float, float]) -> tuple[float, float, float]:
-    if math.hypot(*value) == 0:
-        raise ValueError("must not be [0, 0, 0]: it has no direction")
-    return value
-
-
-Direction = Annotated[Vector, AfterValidator(_has_length)]
+Direction = Annotated[Vector, AfterValidator(directed)]
 Extents = Annotated[tuple[Length, Length, Length], components(3)]
 _ORIGIN = (0.0, 0.0, 0.0)
 
@@ -271,19 +269,10 @@ class SpatialTorsionSpring(StrictModel):
 
     on: str = Field(description="joint")
     stiffness: NotNegative = Field(description="stiffness (N m/rad)")
-    rest_angle: Bounded = Field(
+    # Angles of torsion springs stay within half a turn.
+    rest_angle: Annotated[Number, Field(ge=-3, le=3)] = Field(
         0.0, description="angle without torque (rad); the angle at the start is 0"
     )
-
-    @model_validator(mode="after")
-    def _within_a_turn(self) -> "SpatialTorsionSpring":
-        if abs(self.rest_angle) > 3:
-            raise misfit(
-                "rest_angle",
-                f"must be between -3 and 3, given {self.rest_angle:g}: angles of torsion springs "
-                "stay within half a turn",
-            )
-        return self
 
 
 class SpatialTorsionDamper(StrictModel):
@@ -314,8 +303,7 @@ class SpatialTorque(StrictModel):
     @property
     def acts(self) -> bool:
         """Whether it is a torque at all."""
-        amounts = self.torque if isinstance(self.torque, tuple) else (self.torque,)
-        return any(isinstance(amount, Law) or amount != 0 for amount in amounts)
+        return any(amount != 0 for amount in amounts_of(self.torque))
 
 
 class SpatialForce(StrictModel):
@@ -325,8 +313,11 @@ class SpatialForce(StrictModel):
     force: Amounts = Field(description="components (N), each a number or a law of time")
 
 
-class JointMotion(StrictModel):
+class JointMotion(DrivenModel):
     """A prescribed motion: of a joint, or of coordinates of a point."""
+
+    drives = MappingProxyType({"joint": ("angle", "distance"), "point": ("x", "y", "z")})
+    needs = "a joint with angle or distance, or a point with x, y or z"
 
     joint: str | None = Field(None, description="driven joint")
     angle: Law | None = Field(None, description="law of its angle (rad), 0 at the start")
@@ -335,17 +326,6 @@ class JointMotion(StrictModel):
     x: Law | None = Field(None, description="law of its first coordinate (m)")
     y: Law | None = Field(None, description="law of its second coordinate (m)")
     z: Law | None = Field(None, description="law of its third coordinate (m)")
-
-    @model_validator(mode="after")
-    def _drives_one_thing(self) -> "JointMotion":
-        of_joint, of_point = bool(self.angle or self.distance), bool(self.x or self.y or self.z)
-        if (
-            (self.joint is None) == (self.point is None)
-            or of_joint == of_point
-            or of_joint != (self.joint is not None)
-        ):
-            raise ValueError("needs a joint with angle or distance, or a point with x, y or z")
-        return self
 
 
 class Rate(StrictModel):
