@@ -17,7 +17,7 @@ def test_sizes_of_shipped_problems_are_those_of_the_built(sections):
     """n and m, and the title and the description of the file."""
     for name in registry.PROBLEMS:
         built = registry.problem(name)
-        mechanism = getattr(built.drawing, "mechanism", built.drawing)
+        mechanism = built.drawing
         text = f"{mechanism.title}: {mechanism.description}; n = {built.n}, m = {built.m}"
         assert sections["problems"][name] == text
         assert mechanism.description

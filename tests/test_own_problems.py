@@ -119,8 +119,7 @@ def test_every_mechanism_can_be_drawn(name):
     subject = config.problem_named(name).load()
     drawn = draw_mechanism.mechanism_figure(name, subject, subject.u0)
     (axes,) = drawn.axes
-    spatial, model = len(subject.axes) == 3, subject.drawing
-    mechanism = model.mechanism if spatial else model
+    spatial, mechanism = len(subject.axes) == 3, subject.drawing
     in_millimetres = "(mm)" in axes.get_xlabel() or any(
         text.get_text().endswith(" mm") for text in axes.texts
     )
@@ -140,8 +139,8 @@ def test_every_mechanism_can_be_drawn(name):
         expected = [
             (bodies[side.body, 0] + np.array(body.centre) @ bodies[side.body, 1:],
              side.place(bodies))
-            for joint in model.joints.values() for side in joint.sides if side.body >= 0
-            for body in [mechanism.bodies[model.bodies[side.body]]]
+            for joint in subject.outputs.joints.values() for side in joint.sides if side.body >= 0
+            for body in [[*mechanism.bodies.values()][side.body]]
         ]  # fmt: skip
     else:
         paper = factor * np.eye(2)
@@ -153,7 +152,7 @@ def test_every_mechanism_can_be_drawn(name):
     for ends in np.array(expected) @ paper:
         assert frozenset(map(tuple, ends.round(9))) in lines
     labels = {text.get_text() for text in axes.texts}
-    names = {*mechanism.bodies, *getattr(model, "joints", mechanism.points)}
+    names = {*mechanism.bodies, *getattr(mechanism, "joints", mechanism.points)}
     assert (labels >= names) == ("=" not in name or "windows" in name)
     key = {text.get_text() for legend in drawn.legends for text in legend.get_texts()}
     assert (not key) == ("links" in name or "bodies" in name)

@@ -140,12 +140,8 @@ class Builder(ABC):
         """(n,) velocities that the file gives, at a position."""
 
     @abstractmethod
-    def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
-        """Fields of a problem with some of the rows that name or draw what it is."""
-
-    def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
-        """The problem, with what was found of its start."""
-        return problem
+    def described(self, kept: Sequence[int], shared: frozenset[str]) -> Mapping[str, Any]:
+        """Fields of a problem with some of the rows that name what it is."""
 
     @abstractmethod
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
@@ -155,8 +151,15 @@ class Builder(ABC):
         """Key, gradient (n,) and value of each rate that the file gives besides velocities."""
         return iter(())
 
-    def problem(self, released: Sequence[int] = ()) -> Problem:
-        """The problem as the file has it, without the constraints of these numbers."""
+    def problem(
+        self, released: Sequence[int] = (), shared: frozenset[str] = frozenset()
+    ) -> Problem:
+        """The problem as the file has it, without some constraints, and parts that share in them.
+
+        Args:
+            released: Numbers of constraints that are left out.
+            shared: Parts whose reactions depend on which these are.
+        """
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
         tables = self.elements.tables(sorted(released))
         places, values = self.mass
@@ -176,7 +179,8 @@ class Builder(ABC):
             constraints_given=tuple(self.rows[row].parts for row in kept),
             released=tuple(self.rows[row].full for row in sorted(released)),
             until=self.elements.until,
-            **self.described(kept),
+            drawing_given=self.mechanism,
+            **self.described(kept, shared),
         )
 
     # -- mistakes and references ---------------------------------------------------------------

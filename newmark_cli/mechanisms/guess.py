@@ -15,11 +15,6 @@ from newmark_cli.support.documents import Document
 _FAR = 2.0
 
 
-def _mechanism(problem: Problem) -> Any:
-    """What the file says; None of a problem that is none."""
-    return getattr(problem.drawing, "mechanism", problem.drawing)
-
-
 def _places(problem: Problem, mechanism: Any) -> tuple[tuple[str, ...], Array, Array]:
     """(k,) moving points or bodies, and (k, 2) or (k, 3) their places in the file and now (m)."""
     if mechanism.dimensions == 2:
@@ -39,7 +34,7 @@ def doubts(problem: Problem, document: Document) -> tuple[str, ...]:
     Too far is twice the size of the mechanism.  That is the box around its places as guessed or
     as assembled, the smaller of both: neither a position nor a length that is wrong makes it large.
     """
-    mechanism = _mechanism(problem)
+    mechanism = problem.drawing
     if not mechanism.assemble:
         return ()
     names, before, after = _places(problem, mechanism)
@@ -72,7 +67,7 @@ def _fixed(mechanism: Any) -> list[Sequence[float]]:
 
 def assembled(problem: Problem) -> list[str]:
     """A line on how far assembling has moved what a file guesses; none if it guesses nothing."""
-    mechanism = _mechanism(problem)
+    mechanism = problem.drawing
     if mechanism is None or not mechanism.assemble:
         return []
     names, before, after = _places(problem, mechanism)

@@ -149,9 +149,7 @@ def made(name: str, data: dict[str, Any], mechanism: Any = None) -> Problem:
     kind = _builder(data)
     if mechanism is None:
         mechanism = kind.model.model_validate(data)
-    builder = kind(name, Document(name, {}, {}), mechanism)
-    problem = builder.problem()
-    return builder.completed(problem, frozenset(), problem.n - problem.m)
+    return kind(name, Document(name, {}, {}), mechanism).problem()
 
 
 def is_mechanism(data: Any) -> bool:

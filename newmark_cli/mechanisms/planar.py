@@ -176,10 +176,9 @@ class PlanarBuilder(builder.Builder):
         velocity = [part for name in self.moving for part in self.mechanism.points[name].velocity]
         return np.array(velocity + [rate for _, rate in self.start_angles])
 
-    def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
+    def described(self, kept: Sequence[int], shared: frozenset[str]) -> Mapping[str, Any]:
         """Its points and angles."""
         return {
-            "drawing_given": self.mechanism,
             "points_given": tuple(self.moving),
             "coordinates_given": tuple(self.turning),
         }

@@ -6,7 +6,6 @@ coordinates, a constant mass matrix, and constraints that are at most quadratic.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from newmark_cli.mechanisms.spatial_model import (
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.algebra import norm, product
-from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
 
@@ -48,36 +46,6 @@ DIRECTORS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 INTERNAL = tuple(f"d{i + 1}·d{j + 1}" for i, j in DIRECTORS)
 
 
-@dataclass(frozen=True, eq=False)
-class SpatialModel:
-    """Data of a spatial mechanism for drawings and outputs.
-
-    Attributes:
-        mechanism: What the file says.
-        bodies: Names, in the order of the coordinates.
-        joints: By name.
-        shared: Joints whose reactions are not unique, because they depend on what is dropped.
-        freedom: Degrees of freedom at the start.
-        mass_rank: Rank of M.
-        loose: Bodies that nothing holds.
-    """
-
-    mechanism: SpatialMechanism
-    bodies: tuple[str, ...]
-    joints: Mapping[str, Connection]
-    shared: frozenset[str] = frozenset()
-    freedom: int = 0
-    mass_rank: int = 0
-    loose: tuple[str, ...] = ()
-
-    @property
-    def title(self) -> str:
-        """Heads drawings."""
-        return self.mechanism.title
-
-
-#: Largest moment of a body, relative to others, with which a motion has no inertia.
-_NO_INERTIA = 1e-13
 #: Least size of a direction's part, relative to the largest, that words mention.
 _SEEN = 1e-6
 
@@ -107,11 +75,7 @@ class SpatialBuilder(builder.Builder):
         self.start[:, 1:] = directors(bodies.values())
         self.sites: dict[str, Side] = {}
         self.size = max(1.0, float(np.abs(self.start[:, 0]).max()))
-        self.inertia = inertias(bodies.values())
-        for point in self.mechanism.body_points.values():
-            if point.mass and point.on in bodies:
-                weights = np.array([1.0, *point.at])
-                self.inertia[self.numbers[point.on]] += point.mass * np.outer(weights, weights)
+        self.inertia = inertias(self.mechanism)
         self.loads = (0.0 + self.inertia[:, 0, :, None] * self.mechanism.gravity).reshape(-1, 3)
         each = np.arange(len(bodies))
         rows, first = len(DIRECTORS) * each, PER_BODY * each[:, None] + 3
@@ -136,32 +100,15 @@ class SpatialBuilder(builder.Builder):
         places = PER_BODY * body + 3 * np.stack([row, column]) + c
         self.mass = places, every[body, c, row, column]
 
-    def described(self, kept: Sequence[int]) -> Mapping[str, Any]:
+    def described(self, kept: Sequence[int], shared: frozenset[str]) -> Mapping[str, Any]:
         """Its bodies, joints and points."""
         names = tuple(self.numbers)
         owners = tuple(self.rows[row].owner for row in kept)
         return {
-            "drawing_given": SpatialModel(self.mechanism, names, self.made),
             "points_given": tuple(f"{body}.{vector}" for body in names for vector in VECTORS),
             "axes": "xyz",
-            "outputs": SpatialOutputs(names, self.made, owners),
+            "outputs": SpatialOutputs(names, self.made, owners, shared),
         }
-
-    def completed(self, problem: Problem, shared: frozenset[str], freedom: int) -> Problem:
-        """With what depends on rows that were dropped, and what nothing holds."""
-        moments = np.linalg.eigvalsh(self.inertia)
-        largest = np.maximum(moments[:, -1:], 1e-300)
-        held = {side.body for joint in self.made.values() for side in joint.sides}
-        model = replace(
-            problem.drawing,
-            shared=shared,
-            freedom=freedom,
-            mass_rank=3 * int(np.count_nonzero(moments > _NO_INERTIA * largest)),
-            loose=tuple(body for body, number in self.numbers.items() if number not in held),
-        )
-        assert isinstance(problem.outputs, SpatialOutputs)
-        outputs = replace(problem.outputs, shared=shared)
-        return replace(problem, drawing_given=model, outputs=outputs)
 
     def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
         """Key, gradient (n,) at a position (n,), and value of each rate that the file gives.

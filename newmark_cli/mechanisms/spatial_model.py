@@ -177,9 +177,12 @@ def directors(bodies: Iterable[SpatialBody]) -> Array:
     return np.stack([x, y, np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)], axis=1)
 
 
-def inertias(bodies: Iterable[SpatialBody]) -> Array:
-    """(b, 4, 4) S of bodies, M = S ⊗ 1: mass, first moments, Euler tensor about the origin."""
-    bodies = list(bodies)
+def inertias(mechanism: "SpatialMechanism") -> Array:
+    """(b, 4, 4) S of bodies with point masses on them, M = S ⊗ 1.
+
+    Mass, first moments, and Euler's tensor about the origin.
+    """
+    bodies = list(mechanism.bodies.values())
     mass, centre, tensor = (
         np.array([getattr(body, key) for body in bodies], float)
         for key in ("mass", "centre", "tensor")
@@ -190,6 +193,11 @@ def inertias(bodies: Iterable[SpatialBody]) -> Array:
     half = np.trace(tensor, axis1=1, axis2=2) / 2
     squares = centre[:, :, None] * centre[:, None]
     blocks[:, 1:, 1:] = half[:, None, None] * np.eye(3) - tensor + mass[:, None, None] * squares
+    numbers = {body: i for i, body in enumerate(mechanism.bodies)}
+    for point in mechanism.body_points.values():
+        if point.mass and point.on in numbers:
+            weights = np.array([1.0, *point.at])
+            blocks[numbers[point.on]] += point.mass * np.outer(weights, weights)
     return blocks
 
 

@@ -4,33 +4,46 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from newmark_cli.mechanisms.spatial import SpatialModel
-from newmark_cli.mechanisms.spatial_model import SpatialBody, SpatialBodyPoint
+from newmark_cli.mechanisms.spatial_model import (
+    SpatialBody,
+    SpatialBodyPoint,
+    SpatialMechanism,
+    inertias,
+)
+from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.spelling import degrees_of_freedom
 
 #: Bodies whose inertia is listed.
 _MOST_BODIES = 20
+#: Largest moment of a body, relative to others, with which a motion has no inertia.
+_NO_INERTIA = 1e-13
 
 
 def lines(name: str, problem: Problem) -> list[str]:
     """A valid spatial mechanism in words: the file, what to know of it, a line for each body."""
-    model: SpatialModel = problem.drawing
-    n, m, free = problem.n, problem.m, model.freedom
+    mechanism: SpatialMechanism = problem.drawing
+    n, m = problem.n, problem.m
+    moments = np.linalg.eigvalsh(inertias(mechanism))
+    largest = np.maximum(moments[:, -1:], 1e-300)
+    rank = 3 * int(np.count_nonzero(moments > _NO_INERTIA * largest))
     text = [
         f"{name}: spatial mechanism, {n} coordinates, {m} constraints, "
-        f"{degrees_of_freedom(free)}; rank of M {model.mass_rank}, "
+        f"{degrees_of_freedom(n - m)}; rank of M {rank}, "
         f"of the saddle point {n + m}"
     ]
     if problem.released:
         text.append(f"  redundant, dropped: {', '.join(problem.released)}")
-        shared = ", ".join(sorted(model.shared))
+        assert isinstance(problem.outputs, SpatialOutputs)
+        shared = ", ".join(sorted(problem.outputs.shared))
         text.append(f"  reactions that are not unique, because of that: {shared}")
-    text += [f"  warning: nothing holds {body}: no joint has it" for body in model.loose]
-    bodies = model.mechanism.bodies
+    bodies = mechanism.bodies
+    held = {end for joint in mechanism.joints.values() for end in (joint.from_, joint.to)}
+    loose = (body for body in bodies if body not in held)
+    text += [f"  warning: nothing holds {body}: no joint has it" for body in loose]
     for body in list(bodies)[:_MOST_BODIES]:
-        points = [p for p in model.mechanism.body_points.values() if p.on == body and p.mass]
+        points = [p for p in mechanism.body_points.values() if p.on == body and p.mass]
         centre, tensor, origin = inertia_with(bodies[body], points)
         about, of_origin = _moments(tensor), _moments(origin)
         if np.any(centre):

@@ -75,17 +75,17 @@ def consistent(builder: Builder) -> Problem:
     every = gradient_of(problem, problem.u0)
     with mistakes.gathered():
         tolerance = RANK_TOLERANCE_FOUND if mechanism.assemble else RANK_TOLERANCE
-        released, shared, freedom = _independent(builder, problem, every, tolerance, named)
+        released, shared = _independent(builder, problem, every, tolerance, named)
         if released:
             gaps = redundancy.Gaps.of(problem, released, _scale(problem.u0))
-            problem = replace(builder.problem(released), u0=problem.u0, gaps=gaps)
+            problem = replace(builder.problem(released, shared), u0=problem.u0, gaps=gaps)
         problem = replace(problem, v0=_velocities(builder, problem, released, every))
     if problem.n > DENSE_UP_TO:
         mistakes.refuse()  # inertia is looked for with rows that are independent
     with mistakes.gathered():
         _require_inertia(builder, problem)
     mistakes.refuse()
-    return builder.completed(problem, shared, freedom)
+    return problem
 
 
 # -- positions --------------------------------------------------------------------------------
@@ -134,8 +134,8 @@ def _missed_by_part(
 def _independent(
     builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array, tolerance: float,
     named: Sequence[int] = (),
-) -> tuple[list[int], frozenset[str], int]:  # fmt: skip
-    """Rows to drop, parts that share in the redundancy, and degrees of freedom.
+) -> tuple[list[int], frozenset[str]]:  # fmt: skip
+    """Rows to drop, and parts that share in the redundancy.
 
     Rows that the file names are released before anything is asked of the rest.
     """
@@ -157,7 +157,7 @@ def _independent(
     if problem.m - found.shape[1] == problem.n:
         _require_freedom(builder, problem, scaled, kept, tolerance)
     if found.shape[1] == 0:
-        return [], frozenset(), problem.n - problem.m
+        return [], frozenset()
     involved = _involved(found)
     last, names = rows[involved[-1]].path, _by_part(rows, involved)
     if null.shape[1] and not named and _singular_here(problem, scaled, tolerance, rank):
@@ -182,7 +182,7 @@ def _independent(
             message = f"cannot be closed: its row {rows[k].name} is missed by {missed[k]:.3g}"
             raise document.error(rows[k].path, message)
     shared = frozenset(rows[k].owner for k in involved if rows[k].name and rows[k].owner)
-    return list(dropped), shared, problem.n - problem.m + found.shape[1]
+    return list(dropped), shared
 
 
 def _without(count: int, numbers: Sequence[int]) -> list[int]:

@@ -30,7 +30,11 @@ class Drawable(Protocol):
 
     @property
     def drawing(self) -> Any:
-        """The `Mechanism`, or `SpatialModel`."""
+        """The `Mechanism`, or `SpatialMechanism`."""
+
+    @property
+    def outputs(self) -> Any:
+        """In space the `SpatialOutputs`, which have the joints."""
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -159,13 +163,12 @@ def scene(problem: Drawable, u: Array, factor: float = 1.0) -> Scene:
 def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
     joints, axes, mechanism = {}, {}, problem.drawing
     if is_spatial(problem):
-        model, mechanism = problem.drawing, problem.drawing.mechanism
         paper = factor * view(mechanism.gravity)
         bodies = u.reshape(-1, 4, 3) @ paper
-        frames = dict(zip(("", *model.bodies), [np.array([0, *paper]), *bodies], strict=True))
+        names = ("", *mechanism.bodies)
+        frames = dict(zip(names, [np.array([0, *paper]), *bodies], strict=True))
         points = {name: complex(point.fixed @ paper) for name, point in mechanism.points.items()}
-        names = ("", *model.bodies)
-        for name, joint in model.joints.items():
+        for name, joint in problem.outputs.joints.items():
             sides = [(frames[names[side.body + 1]], side) for side in joint.sides]
             first, second = (complex(of[0] + side.point @ of[1:]) for of, side in sides)
             joints[name] = first, second
