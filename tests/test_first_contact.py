@@ -11,8 +11,8 @@ from pydantic import ValidationError
 import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spatial_model import SpatialMechanism
-from newmark_cli.mechanisms.spatial_summary import inertia_with
+from newmark_cli.mechanisms.spatial_model import SpatialMechanism, inertias
+from newmark_cli.mechanisms.spatial_summary import inertia_of
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
@@ -257,7 +257,7 @@ def test_masses_of_body_points_count():
             "body_points": {"tip": {"on": "rod", "at": [1, 0, 0], "mass": 2}},
         }
     )
-    centre, about_centre, about_origin = inertia_with(made.bodies["rod"], made.body_points.values())
+    centre, about_centre, about_origin = inertia_of(inertias(made)[0])
     np.testing.assert_allclose(centre, [2.5 / 3, 0, 0])
     np.testing.assert_allclose(np.diag(about_origin), [0.1, 2.35, 2.35])
     np.testing.assert_allclose(np.diag(about_centre), [0.1] + 2 * [2.35 - 3 * (2.5 / 3) ** 2])

@@ -1,15 +1,8 @@
 """Summary of a spatial mechanism: sizes, freedoms, ranks, inertia."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
-from newmark_cli.mechanisms.spatial_model import (
-    SpatialBody,
-    SpatialBodyPoint,
-    SpatialMechanism,
-    inertias,
-)
+from newmark_cli.mechanisms.spatial_model import SpatialMechanism, inertias
 from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
@@ -25,7 +18,8 @@ def lines(name: str, problem: Problem) -> list[str]:
     """A valid spatial mechanism in words: the file, what to know of it, a line for each body."""
     mechanism: SpatialMechanism = problem.drawing
     n, m = problem.n, problem.m
-    moments = np.linalg.eigvalsh(inertias(mechanism))
+    blocks = inertias(mechanism)
+    moments = np.linalg.eigvalsh(blocks)
     largest = np.maximum(moments[:, -1:], 1e-300)
     rank = 3 * int(np.count_nonzero(moments > _NO_INERTIA * largest))
     text = [
@@ -42,51 +36,40 @@ def lines(name: str, problem: Problem) -> list[str]:
     held = {end for joint in mechanism.joints.values() for end in (joint.from_, joint.to)}
     loose = (body for body in bodies if body not in held)
     text += [f"  warning: nothing holds {body}: no joint has it" for body in loose]
-    for body in list(bodies)[:_MOST_BODIES]:
-        points = [p for p in mechanism.body_points.values() if p.on == body and p.mass]
-        centre, tensor, origin = inertia_with(bodies[body], points)
+    with_points = {point.on for point in mechanism.body_points.values() if point.mass}
+    for body, block in zip(list(bodies)[:_MOST_BODIES], blocks, strict=False):
+        centre, tensor, origin = inertia_of(block)
         about, of_origin = _moments(tensor), _moments(origin)
         if np.any(centre):
             about = f"its centre {about}, about its origin {of_origin}"
         else:
             about = f"its centre and origin {about}"
-        loaded = " with its point masses" * bool(points)
+        loaded = " with its point masses" * (body in with_points)
         text.append(f"  {body}: inertia{loaded} about {about}")
     if len(bodies) > _MOST_BODIES:
         text.append(f"  … and {len(bodies) - _MOST_BODIES} more bodies")
     return text
 
 
-def inertia_with(
-    body: SpatialBody, points: Iterable[SpatialBodyPoint] = ()
-) -> tuple[Array, Array, Array]:
+def inertia_of(block: Array) -> tuple[Array, Array, Array]:
     """Mass centre (m), and tensors of inertia about it and about the origin (kg m²).
 
     Args:
-        body: The body.
-        points: Point masses on it, which are counted.
+        block: (4, 4) one of `inertias`.
 
     Returns:
         (3,), (3, 3), (3, 3) in body axes.
     """
-    masses = [body.mass, *(point.mass for point in points)]
-    places = [np.array(body.centre), *(np.array(point.at) for point in points)]
-    mass, centre, origin = sum(masses), places[0], np.array(body.tensor)
-    if mass:
-        centre = np.asarray(np.average(places, axis=0, weights=masses))
-    for part, place in zip(masses, places, strict=True):
-        origin += part * _steiner(place)
-    return centre, np.asarray(origin - mass * _steiner(centre)), origin
-
-
-def _steiner(place: Array) -> Array:
-    """(3, 3) tensor of inertia of a unit mass (m²)."""
-    return np.asarray((place @ place) * np.eye(3) - np.outer(place, place))
+    mass, first, euler, one = block[0, 0], block[0, 1:], block[1:, 1:], np.eye(3)
+    centre = first / (mass or 1.0)
+    origin = np.trace(euler) * one - euler
+    about = origin - mass * ((centre @ centre) * one - np.outer(centre, centre))
+    return centre, about, origin
 
 
 def _moments(tensor: Array) -> str:
     text = f"[{', '.join(f'{moment:.6g}' for moment in np.diag(tensor))}]"
     products = tensor[np.triu_indices(3, 1)]
-    if np.abs(products).max() > 1e-15 * np.abs(tensor).max():
+    if np.abs(products).max() > 1e-14 * np.abs(tensor).max():
         text += f" xy, xz, yz [{', '.join(f'{product:.6g}' for product in products)}]"
     return f"{text} kg m²"
