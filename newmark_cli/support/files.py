@@ -26,8 +26,6 @@ _NO_WAIT, _NO_LINK = (getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLO
 MOST = 1 << 30
 #: What comes before the digest of a sealed file.
 _SEAL = ',\n  "sha256": "'
-#: A file under its temporary name: that of the target, and eight characters.
-_TEMPORARY = re.compile(r"\.(.+)\.[a-z0-9_]{8}")
 #: What a shell hands over, such as the pipe of ``<(command)``.
 _HANDED_OVER = re.compile(r"/dev/stdin|/(dev|proc/self)/fd/\d+")
 
@@ -249,14 +247,6 @@ def _fill(path: Path, content: bytes, like: Path) -> None:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
-
-
-def temporaries(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Files below a folder that have a temporary name, each with the name of its target."""
-    for file in sorted(folder.rglob(".*")):
-        match = _TEMPORARY.fullmatch(file.name)
-        if match and not file.is_symlink() and file.is_file():
-            yield file, match[1]
 
 
 def _bytes(content: str | bytes) -> bytes:
