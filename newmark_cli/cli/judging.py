@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     help="Print the header of a table for PROBLEM and its start, and judge nothing.",
 )
 @axis_option(
-    "integrator",
-    "METHOD",
-    "The code's integrator, 'generalized-alpha rho=0.9' by default.",
+    "integrator", "METHOD", "The code's integrator, 'generalized-alpha rho=0.9' by default."
 )
 @formulation_option
 @click.option("--projection", metavar="METHOD", help="The code's projection; none by default.")

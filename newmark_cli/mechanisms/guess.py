@@ -71,11 +71,8 @@ def assembled(problem: Problem) -> list[str]:
     if mechanism is None or not mechanism.assemble:
         return []
     names, before, after = _places(problem, mechanism)
-    away, text = (
-        np.linalg.norm(after - before, axis=1),
-        "{}, the farthest, is {:.3g} m from its guess",
-    )
-    found = [(away, 1e-12, text)]
+    away = np.linalg.norm(after - before, axis=1)
+    found = [(away, 1e-12, "{}, the farthest, is {:.3g} m from its guess")]
     if mechanism.dimensions == 3:
         from newmark_cli.mechanisms.spatial_model import directors
 
