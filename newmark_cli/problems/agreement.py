@@ -20,8 +20,9 @@ from newmark_cli.problems.problem import ContradictionError, Problem
 from newmark_cli.support.arrays import Array
 
 #: Ratio of a step to the next, and how many there are; the longest, relative to the
-#: coordinates, and the first that is tried.  No round numbers, lest they fit a period.
-_RATIO, _STEPS, _LONGEST, _FIRST = 4.0, 22, 0.095, 5
+#: coordinates, and the last over which a smooth function changes by more than its rounding.
+#: No round numbers, lest they fit a period.
+_RATIO, _STEPS, _LONGEST, _LONG = 4.0, 22, 0.095, 5
 #: Largest relative difference of a given derivative from a quotient that confirms it, and
 #: largest difference, relative to the largest derivative of the function, that is none.
 _TOLERANCE, _NOTHING = 1e-5, 1e-10
@@ -43,10 +44,9 @@ class _Claim(NamedTuple):
     key: str
     given: Array
     function: Callable[[float], Any]
-    longest: float  #: the longest step
-    nothing: Array  #: (k,) differences that do not count
+    size: float  #: steps are relative to it
     places: Sequence[tuple[int, ...]]  #: of the numbers in what the user's function returns
-    first: int = _FIRST  #: number of the step that is tried first
+    nothing: float = 0.0  #: a difference that does not count
 
 
 @dataclass(frozen=True)
@@ -62,20 +62,29 @@ class Agreement:
     def require(self) -> None:
         """Compare at the start, and at two states next to it, where terms show that vanish there.
 
-        G first: what else is right would seem wrong with it.
-
         Raises:
             ContradictionError: Names function, entry, time, and both values.
         """
         with np.errstate(all="ignore"):
             states = [*self._states()]
-            for claims in (self._of_gradient, self._of_tangents, self._of_rows):
-                for state in states:
-                    for claim in claims(*state):
-                        if wrong := _contradicted(claim):
-                            self._refuse(claim, *wrong, self._where(state))
-            for state in states:
-                self._require_energy(state)
+            claims = [(claim, state) for state in states for claim in self._claims(*state)]
+            # G first: what else is right would seem wrong with it.
+            for claim, state in sorted(claims, key=lambda pair: pair[0].key != "gradient"):
+                if wrong := _contradicted(claim):
+                    k, expected = wrong
+                    place = [number + 1 for number in claim.places[k]]
+                    entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
+                    raise ContradictionError(
+                        f"{self.named(claim.key)} disagrees with differences in {entry} "
+                        f"{self._where(state)}: given {claim.given[k]:.9g}, differences say "
+                        f"{expected:.9g}"
+                    )
+            for state in states if "energy" in self.restated else ():
+                if (power := self._power(*state)) and (wrong := _contradicted(power)):
+                    raise ContradictionError(
+                        f"{self.named('energy')} is not conserved {self._where(state)}: on a "
+                        f"motion without dissipation it changes by {wrong[1]:.3g} in a second"
+                    )
 
     def _where(self, state: _State) -> str:
         """How errors name a state."""
@@ -84,61 +93,14 @@ class Agreement:
             return "at the start"
         return "next to the start" + (f", at t = {t:.9g}" if t != self.problem.t0 else "")
 
-    def _refuse(self, claim: _Claim, k: int, expected: float, where: str) -> None:
-        place = [number + 1 for number in claim.places[k]]
-        entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
-        raise ContradictionError(
-            f"{self.named(claim.key)} disagrees with differences in {entry} {where}: "
-            f"given {claim.given[k]:.9g}, differences say {expected:.9g}"
-        )
-
-    # -- each function -----------------------------------------------------------------------
-
-    def _of_gradient(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
-        """G is the derivative of Φ."""
-        phi, sizes, g = self.functions["constraints"], _sizes(u), self._gradient(t, u)
-        units, scaled = np.abs(g).max(axis=0), (np.abs(g) * sizes[:, None]).max(axis=0)
-        nothing = _NOTHING * np.minimum(units, scaled / sizes[:, None])
-
-        def values(i: int, s: float) -> Any:
-            return phi(_moved(u, i, s), t)
-
-        yield from _columns("gradient", g.T, values, sizes, nothing.T)
-
-    def _of_tangents(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
-        """X and Y are those of f + Gλ."""
-        force, gradient = self.functions["force"], self.functions["gradient"]
-        n, m, sizes = self.problem.n, self.problem.m, _sizes(u)
-        units = np.abs(self._gradient(t, u)).max(axis=0)
-        load = float(np.abs(_value(n, force, u, v, t)).max())
+    def _claims(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
+        """What is said twice of a state; what is not given of Φ'' follows from differences."""
+        force, phi, gradient = (self.functions[key] for key in ("force", "constraints", "gradient"))
+        n, m, size, pace = self.problem.n, self.problem.m, _size(u), float(np.abs(v).max())
+        g = _value(n * m, gradient, u, t).reshape(n, m)
+        units, load = np.abs(g).max(axis=0), float(np.abs(_value(n, force, u, v, t)).max())
         multipliers = np.linspace(1.0, 2.0, m) * (load or 1.0) / np.where(units > 0, units, 1.0)
-
-        def pull(j: int, s: float) -> Any:
-            there = _moved(u, j, s)
-            return -(force(there, v, t) + gradient(there, t) @ multipliers)
-
-        def resistance(j: int, s: float) -> Any:
-            return -force(u, _moved(v, j, s), t)
-
-        for key, arguments, function, largest in (
-            ("stiffness", (u, v, multipliers, t), pull, sizes),
-            ("damping", (u, v, t), resistance, _sizes(v) if np.any(v) else sizes),
-        ):
-            if key in self.restated:
-                matrix = _value(n * n, self.restated[key], *arguments).reshape(n, n)
-                size = max(float(np.abs(matrix).max()), load / largest.max())
-                nothing = np.full((n, n), _NOTHING * size)
-                yield from _columns(key, matrix, function, largest, nothing)
-
-    def _of_rows(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
-        """Terms of Φ' and Φ''; what is not given of them follows from differences."""
-        phi, gradient = self.functions["constraints"], self.functions["gradient"]
-        n, m, size = self.problem.n, self.problem.m, float(_sizes(u).max())
         w = size * np.random.default_rng(1).normal(size=n)
-        units = np.abs(self._gradient(t, u)).max(axis=0)
-        units *= 1 + (np.abs(v).max() / size) ** 2
-        at_pace = min(1.0, size / float(np.abs(v).max()) if np.any(v) else 1.0)
-        at_once = min(at_pace, size / float(np.abs(w).max()))
 
         def moving(s: float) -> Any:
             rate, _ = self.problem.constraint_derivatives(t + s, u + s * v, v)
@@ -148,6 +110,28 @@ class Agreement:
             r = self.problem.constraint_rows(t + s, u + s * v, v, 0 * v).r
             return gradient(u + s * w, t) + r.reshape(n, m)
 
+        def pull(s: float, axis: Array) -> Any:
+            there = u + s * axis
+            return -(force(there, v, t) + gradient(there, t) @ multipliers)
+
+        matrices: dict[str, tuple[tuple[Any, ...], Callable[..., Any], float]] = {
+            "gradient": ((u, t), lambda s, axis: phi(u + s * axis, t), size),
+            "stiffness": ((u, v, multipliers, t), pull, size),
+            "damping": ((u, v, t), lambda s, axis: -force(u, v + s * axis, t), pace or size),
+        }
+        given = {"gradient": gradient, **self.restated}
+        for key, (arguments, along, longest) in matrices.items():
+            if key not in given:
+                continue
+            columns = m if key == "gradient" else n
+            values = _value(n * columns, given[key], *arguments).reshape(n, columns)
+            numbers = np.arange(n * columns).reshape(n, columns)
+            for j, axis in enumerate(np.eye(n)):
+                own = (j, slice(None)) if key == "gradient" else (slice(None), j)
+                places = [divmod(number, columns) for number in numbers[own].tolist()]
+                yield _Claim(key, values[own], partial(along, axis=axis), longest, places)
+        at_pace = min(1.0, size / (pace or 1.0))
+        at_once = min(at_pace, size / float(np.abs(w).max()))
         rows: dict[str, tuple[tuple[Any, ...], Callable[[float], Any], float, tuple[int, ...]]] = {
             "constraint_rate": ((u, t), lambda s: phi(u, t + s), 1.0, (m,)),
             "curvature": ((u, v, t), moving, at_pace, (m,)),
@@ -155,29 +139,24 @@ class Agreement:
             "acceleration_gradient": ((u, v, w, t), turning, at_once, (n, m)),
         }
         for key, (arguments, function, longest, shape) in rows.items():
-            if key in self.restated:
-                places = [*np.ndindex(shape)]
-                values = _value(len(places), self.restated[key], *arguments)
-                nothing = np.broadcast_to(units * (size if len(shape) == 1 else 1.0), shape)
-                yield _Claim(
-                    key, values, function, _LONGEST * longest, _NOTHING * nothing.ravel(), places
-                )
+            if key in given:
+                values = _value(int(np.prod(shape)), given[key], *arguments)
+                yield _Claim(key, values, function, longest, [*np.ndindex(shape)])
 
-    def _require_energy(self, of: _State) -> None:
+    def _power(self, t: float, u: Array, v: Array) -> _Claim | None:
         """The energy changes by nothing but dissipation, where neither depends on time.
 
         Half its rate on a motion less half of that on the motion with −v: dissipation takes
         from both.
         """
-        energy, force, problem = self.restated.get("energy"), self.functions["force"], self.problem
-        t, u, v = of
+        energy, force, problem = self.restated["energy"], self.functions["force"], self.problem
         loads = [_value(problem.n, force, u, v, t + s) for s in (0.0, 1e-3)]
-        if energy is None or not (self._is_rigid and np.array_equal(loads[0], loads[1])):
-            return
-        direction = np.random.default_rng(2).normal(size=problem.n)
-        state = self._onto(t, u, float(_sizes(u).max()) * direction)
+        state = None
+        if self._is_rigid and np.array_equal(loads[0], loads[1]):
+            direction = np.random.default_rng(2).normal(size=problem.n)
+            state = self._onto(t, u, _size(u) * direction)
         if state is None:
-            return
+            return None
         _, u, v = state
         load = float(np.abs(loads[0]).max())
         try:
@@ -188,26 +167,16 @@ class Agreement:
                 v = v * np.sqrt(load / bend)
             ahead, behind = (self._system.accelerations(t, u, way)[0] for way in (v, -v))
         except Exception:  # a singular position, or a function without a value
-            return
+            return None
+        speed = float(np.abs(v).max())
 
         def change(s: float) -> Any:
             forth = energy(u + s * v, v + s * ahead, t)
             back = energy(u - s * v, -v + s * behind, t)
             return energy(u, v, t) + (forth - back) / 2  # its size tells what is rounding
 
-        speed = float(np.abs(v).max())
-        fastest = max(speed / _sizes(u).max(), np.abs(ahead).max() / (speed or 1.0)) or 1.0
-        nothing = np.full(1, _TOLERANCE * load * speed)
-        none = _Claim("energy", np.zeros(1), change, _LONGEST / fastest, nothing, [])
-        if wrong := _contradicted(none):
-            raise ContradictionError(
-                f"{self.named('energy')} is not conserved {self._where(of)}: on a motion without "
-                f"dissipation it changes by {wrong[1]:.3g} in a second"
-            )
-
-    def _gradient(self, t: float, u: Array) -> Array:
-        n, m = self.problem.n, self.problem.m
-        return _value(n * m, self.functions["gradient"], u, t).reshape(n, m)
+        fastest = max(speed / _size(u), np.abs(ahead).max() / (speed or 1.0)) or 1.0
+        return _Claim("energy", np.zeros(1), change, 1 / fastest, [], _TOLERANCE * load * speed)
 
     # -- states ------------------------------------------------------------------------------
 
@@ -227,7 +196,7 @@ class Agreement:
         problem, random = self.problem, np.random.default_rng(0)
         t, u, v = problem.t0, problem.u0, problem.v0
         yield t, u, v
-        largest = float(_sizes(u).max())
+        largest = _size(u)
         sizes = np.where(np.abs(u) > 1e-6 * largest, np.abs(u), largest)
         for _ in range(2):
             away, turn = sizes * random.normal(size=problem.n), random.normal(size=problem.n)
@@ -246,54 +215,35 @@ class Agreement:
         """
         try:
             u, v = self._system.projected(t, self._system.nearest(t, u), v)
+            terms = self.problem.evaluate(t, u, v, np.zeros(self.problem.m))
         except BaseException as error:  # an exit included
             if user_code.is_interrupt(error):
                 raise
             return None
-        missed = np.abs(_value(self.problem.m, self.functions["constraints"], u, t))
-        lengths = np.linalg.norm(self._gradient(t, u), axis=0)
-        met = np.all(missed <= _MET * float(_sizes(u).max()) * lengths)
+        lengths = np.linalg.norm(terms.G, axis=0)
+        met = np.all(np.abs(terms.phi) <= _MET * _size(u) * lengths)
         return (t, u, v) if met and np.all(np.isfinite(v)) else None
 
 
-# -- one function of one number -------------------------------------------------------------
-
-
-def _columns(
-    key: str, matrix: Array, along: Callable[[int, float], Any], sizes: Array, nothing: Array
-) -> Iterator[_Claim]:
-    """That column j of a matrix, of G of its transpose, is the derivative of ``along(j, s)``."""
-    largest = float(sizes.max())
-    for j, own in enumerate(sizes.tolist()):
-        first = _FIRST + round(np.log(largest / own) / np.log(_RATIO))
-        places = [(j, i) if key == "gradient" else (i, j) for i in range(len(matrix))]
-        yield _Claim(
-            key, matrix[:, j], partial(along, j), _LONGEST * largest, nothing[:, j], places, first
-        )
-
-
 def _contradicted(claim: _Claim) -> tuple[int, float] | None:
-    """The derivative that is most certainly wrong, and what it is; None where none is.
-
-    Steps are numbered from the longest, 0.
-    """
-    given, first = claim.given, claim.first
+    """The derivative that is most certainly wrong, and what it is; None where none is."""
+    given, longest = claim.given, _LONGEST * claim.size
     here = _value(len(given), claim.function, 0.0)
     quotients = np.full((_STEPS, 3, len(given)), np.nan)  # forward, backward and central
-    doubted, load = np.isfinite(given), np.abs(here) / claim.longest
-    lengths = _RATIO ** -np.arange(float(_STEPS))[:, None]
-    for number in sorted(range(_STEPS), key=lambda number: abs(number - first)):
-        step = claim.longest * _RATIO**-number
+    doubted, load = np.isfinite(given), np.abs(here) / longest
+    lengths = _RATIO ** -np.arange(float(_STEPS))[:, None, None]
+    for number in range(_STEPS):
+        step = longest * _RATIO**-number
         ahead, behind = (_value(len(given), claim.function, shift) for shift in (step, -step))
         forward, backward = (ahead - here) / step, (here - behind) / step
         quotients[number] = latest = np.array([forward, backward, (forward + backward) / 2])
         sizes = np.maximum(np.abs(given), np.abs(latest))
-        confirmed = np.abs(latest - given) <= _TOLERANCE * sizes + claim.nothing
-        if number > first:  # the function may have changed by less than its rounding
-            slope = np.nanmax(np.abs(quotients[first]), axis=0, initial=0.0)
-            differences = np.abs(quotients) * lengths[:, :, None]
-            rounding = _ROUNDING * (load + np.nanmax(differences, axis=(0, 1), initial=0.0))
-            confirmed &= (latest != 0) | (slope * lengths[number] > rounding)
+        nothing = claim.nothing + _NOTHING * np.nanmax(sizes, initial=np.nanmax(load, initial=0))
+        confirmed = np.abs(latest - given) <= _TOLERANCE * sizes + nothing
+        if number > _LONG:  # the function may have changed by less than its rounding
+            slope = np.nanmax(np.abs(quotients[_LONG]), axis=0, initial=0.0)
+            changes = np.nanmax(np.abs(quotients) * lengths, axis=(0, 1), initial=0.0)
+            confirmed &= (latest != 0) | (slope * lengths[number] > _ROUNDING * (load + changes))
         doubted &= ~confirmed.any(axis=0)
         if not doubted.any():
             return None
@@ -329,13 +279,6 @@ def _value(count: int, function: Callable[..., Any], *arguments: Any) -> Array:
         return np.full(count, np.nan)
 
 
-def _sizes(vector: Array) -> Array:
-    """(n,) magnitude of each component, which may be 0 at the moment."""
-    largest = float(np.abs(vector).max()) or 1.0
-    return np.maximum(np.abs(vector), 1e-3 * largest)
-
-
-def _moved(vector: Array, i: int, step: float) -> Array:
-    moved = vector.copy()
-    moved[i] += step
-    return moved
+def _size(vector: Array) -> float:
+    """Of its largest component, which may be 0 at the moment."""
+    return float(np.abs(vector).max()) or 1.0
