@@ -83,13 +83,28 @@ def test_names_of_a_definition():
 @each(
     "given, message",
     [
-        ({"coordinate_names": ["x"]}, "coordinate_names must be 2 names, given 1"),
-        ({"coordinate_names": "xy"}, "coordinate_names must be a list of 2 names, given 'xy'"),
-        ({"coordinate_names": 2}, "coordinate_names must be a list of 2 names, given 2"),
-        ({"coordinate_names": ["x", 2]}, "coordinate_names must be text: name 2 is 2"),
-        ({"coordinate_names": ["x", " "]}, "coordinate_names must be text: name 2 is ' '"),
-        ({"coordinate_names": ["x", "x"]}, "must all be different: 'x' is given twice"),
-        ({"constraint_names": ["rod", "bar"]}, "constraint_names must be 1 names, given 2"),
+        (
+            {"coordinate_names": ["x"]},
+            "coordinate_names must be a list of 2 different names, given ['x']",
+        ),
+        (
+            {"coordinate_names": "xy"},
+            "coordinate_names must be a list of 2 different names, given 'xy'",
+        ),
+        ({"coordinate_names": 2}, "coordinate_names must be a list of 2 different names, given 2"),
+        (
+            {"coordinate_names": ["x", 2]},
+            "coordinate_names must be a list of 2 different names, given ['x', 2]",
+        ),
+        (
+            {"coordinate_names": ["x", " "]},
+            "coordinate_names must be a list of 2 different names, given ['x', ' ']",
+        ),
+        (
+            {"coordinate_names": ["x", "x"]},
+            "coordinate_names must be a list of 2 different names, given ['x', 'x']",
+        ),
+        ({"constraint_names": ["rod", "bar"]}, "a list of 1 different names, given ['rod', 'bar']"),
     ],
 )
 def test_names_that_cannot_be_used_are_refused(given, message):

@@ -47,11 +47,9 @@ def derivatives(
         computed = by_differences(functions, in_time, compile_)
     if not rows:
         return computed  # type: ignore[no-any-return]
-    copy = differences.copying(compile_)
-    kinds = (("ut", copy.vector), ("uvt", copy.vector), ("uvt", copy.flat), ("uvwt", copy.flat))
     give_rate, give_curvature, give_r, give_q = (
-        differences.giving(rows.get(name), *kind, compile_)
-        for name, kind in zip(NAMES, kinds, strict=True)
+        differences.giving(rows.get(name), arguments, compile_)
+        for name, arguments in zip(NAMES, ("ut", "uvt", "uvt", "uvwt"), strict=True)
     )
 
     def derivatives(  # type: ignore[no-untyped-def]
@@ -83,9 +81,9 @@ def by_differences(
         share = reals[0, 0]
         states, times, phi, gradients = differences.states_along(t, u, v, w, rate, share, in_time)
         for k in range(states.shape[0]):
-            copy.matrix(gradient_of(states[k], times[k]), gradients[k])
+            copy(gradient_of(states[k], times[k]), gradients[k])
         for k in range(phi.shape[0]):
-            copy.vector(phi_of(states[k], times[k]), phi[k])
+            copy(phi_of(states[k], times[k]), phi[k])
         differences.take_rows(
             phi, gradients, t, u, v, w, share, in_time, rate, curvature, r_values, q_values,
         )  # fmt: skip
@@ -106,7 +104,7 @@ def of_quadratic(functions: Mapping[str, Any], compile_: Compiler) -> Callable[.
     ):
         directions, gradients = differences.directions(v, w, rate)
         for k in range(3):
-            copy.matrix(gradient_of(directions[k], t), gradients[k])
+            copy(gradient_of(directions[k], t), gradients[k])
         differences.take_rows_of_quadratic(gradients, v, rate, curvature, r_values, q_values)
 
     return compile_(derivatives)

@@ -8,7 +8,7 @@ X and Y follow from central differences of fourth order; the terms of Φ' and Φ
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -33,55 +33,22 @@ def as_it_is(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-class Copying(NamedTuple):
-    """Functions (returned, out) that copy what a user's function returned into an array."""
-
-    vector: Callable[[Any, Any], None]  #: into one of its shape
-    matrix: Callable[[Any, Any], None]
-    flat: Callable[[Any, Any], None]  #: a matrix into a vector, row by row
-
-
-def copying(compile_: Compiler) -> Copying:
-    """For compiled functions, or for plain ones, which may return any kind of array."""
-    if compile_ is as_it_is:
-        return Copying(_copy_plain, _copy_plain, _flatten_plain)
-    return Copying(copy_vector, copy_matrix, flatten)
+@cached_njit(nogil=True, error_model="numpy")
+def copy(values, out):  # type: ignore[no-untyped-def]
+    """Copy an array into one of as many numbers, a matrix row by row."""
+    # A loop: assigning to a slice would add the error that its shapes can raise, which takes
+    # longer to compile, for every problem, than all the rest.
+    for k in range(out.size):
+        out.flat[k] = values.flat[k]
 
 
 def _copy_plain(values: Any, out: Any) -> None:
-    out[...] = values
+    out[...] = values if np.ndim(values) == out.ndim else np.ravel(values)
 
 
-def _flatten_plain(values: Any, out: Any) -> None:
-    out[...] = np.ravel(values)
-
-
-# Loops: assigning to a slice would add the error that its shapes can raise, which takes
-# longer to compile, for every problem, than all the rest.
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def copy_vector(values, out):  # type: ignore[no-untyped-def]
-    """See `Copying`."""
-    for i in range(out.shape[0]):
-        out[i] = values[i]
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def copy_matrix(values, out):  # type: ignore[no-untyped-def]
-    """See `Copying`."""
-    for i in range(out.shape[0]):
-        for k in range(out.shape[1]):
-            out[i, k] = values[i, k]
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def flatten(matrix, out):  # type: ignore[no-untyped-def]
-    """See `Copying`."""
-    rows, columns = matrix.shape
-    for i in range(rows):
-        for k in range(columns):
-            out[i * columns + k] = matrix[i, k]
+def copying(compile_: Compiler) -> Callable[[Any, Any], None]:
+    """`copy` for compiled functions, or for plain ones, which may return any kind of array."""
+    return _copy_plain if compile_ is as_it_is else copy
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -89,13 +56,12 @@ def nothing(*arguments):  # type: ignore[no-untyped-def]
     """Does nothing."""
 
 
-def giving(
-    function: Any, arguments: str, copy: Callable[[Any, Any], None], compile_: Compiler
-) -> Any:
+def giving(function: Any, arguments: str, compile_: Compiler) -> Any:
     """A function (u, v, w, t, out) that copies into an array what one of the user's returns.
 
     That takes ``"ut"``, ``"uvt"`` or ``"uvwt"``; it is None where there is nothing to do.
     """
+    copy = copying(compile_)
 
     def of_place(u, v, w, t, out):  # type: ignore[no-untyped-def]
         copy(function(u, t), out)
@@ -122,8 +88,8 @@ def states_around(u, v, of_u, of_v, step, pace):  # type: ignore[no-untyped-def]
     count = 1 + 4 * n * (int(of_u) + int(of_v))
     us, vs = np.empty((count, n)), np.empty((count, n))
     for k in range(count):
-        copy_vector(u, us[k])
-        copy_vector(v, vs[k])
+        copy(u, us[k])
+        copy(v, vs[k])
     k = 1
     for moved, wanted, size in ((us, of_u, step), (vs, of_v, pace)):
         if wanted:
@@ -196,7 +162,7 @@ def states_along(t, u, v, w, rate, share, in_time):  # type: ignore[no-untyped-d
     first, second, third = _ways(t, u, v, w, share, in_time)
     count = 1 + 2 * (first.shape[0] + second.shape[0] + third.shape[0])
     states, times = np.empty((count, u.shape[0])), np.full(count, t)
-    copy_vector(u, states[0])
+    copy(u, states[0])
     k = 1
     for way, steps in enumerate((first, second, third)):
         direction = w if way == 2 else v
@@ -232,18 +198,18 @@ def take_rows(  # type: ignore[no-untyped-def]
     there = gradients[1 + 2 * len(first) :].reshape(-1, n * m)
     if in_time:
         rounding = _EPS * size * length / first
-        copy_vector(extrapolated(_first(phi[1:], first), STEP_RATIO, rounding), rate)
+        copy(extrapolated(_first(phi[1:], first), STEP_RATIO, rounding), rate)
         # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
         # less than second ones of Φ; those remain for a Φ that depends on time.
         bent = _second(phi[1:], phi[0], first) + _first(_products(then, v), first)
         rounding = _EPS * size * (length / first + speed) / first
-        copy_vector(extrapolated(bent, STEP_RATIO, rounding), curvature)
+        copy(extrapolated(bent, STEP_RATIO, rounding), curvature)
         turned = _first(_products(there[: 2 * STEPS].reshape(-1, n, m), v), second)
         curvature += extrapolated(turned, STEP_RATIO, _EPS * size * speed / second)
     turned = _first(there[: 2 * STEPS], second)
-    copy_vector(extrapolated(turned, STEP_RATIO, _EPS * size / second), r_values)
+    copy(extrapolated(turned, STEP_RATIO, _EPS * size / second), r_values)
     bent = _second(there[: 2 * STEPS], gradients[0].reshape(n * m), second)
-    copy_vector(extrapolated(bent, STEP_RATIO, _EPS * size / second**2), q_values)
+    copy(extrapolated(bent, STEP_RATIO, _EPS * size / second**2), q_values)
     if len(third):
         turned = _first(there[2 * STEPS :], third)
         q_values += extrapolated(turned, STEP_RATIO, _EPS * size / third)
@@ -253,8 +219,8 @@ def take_rows(  # type: ignore[no-untyped-def]
 def directions(v, w, rate):  # type: ignore[no-untyped-def]
     """(3, n) none, along v, and along w; an array for G there."""
     directions = np.zeros((3, v.shape[0]))
-    copy_vector(v, directions[1])
-    copy_vector(w, directions[2])
+    copy(v, directions[1])
+    copy(w, directions[2])
     return directions, np.empty((3, v.shape[0], rate.shape[0]))
 
 
@@ -268,8 +234,8 @@ def take_rows_of_quadratic(  # type: ignore[no-untyped-def]
     curvatures = _products(changes, v)[0]
     for k in range(m):
         rate[k], curvature[k] = 0.0, curvatures[k]
-    flatten(changes[0], r_values)
-    flatten(changes[1], q_values)
+    copy(changes[0], r_values)
+    copy(changes[1], q_values)
 
 
 @cached_njit(nogil=True, error_model="numpy")

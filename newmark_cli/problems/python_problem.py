@@ -30,6 +30,8 @@ from newmark_cli.support.cached_code import cached_njit
 _CONSISTENCY = 1e-9
 #: Largest Python file that is read (bytes).
 _MOST_BYTES = 10_000_000
+#: Of an array that is expected; of a vector of any length a text that says so.
+_Shape = tuple[int, ...] | str
 
 
 @dataclass(frozen=True)
@@ -168,11 +170,6 @@ def _reported(file: str, what: str = "") -> Iterator[None]:
         raise ProblemError(f"{where}: {what}{errors.described(error)[:300]}") from None
 
 
-def _error(where: str, key: str, message: str, function: Any = None) -> ProblemError:
-    """The error about an attribute of a definition, by the line where it begins."""
-    return ProblemError(f"{_begin(function) or where}: {key} {message}")
-
-
 def _begin(function: Any) -> str:
     """Where the code begins behind a function, a method, or a compiled or partial function."""
     for attribute in ("py_func", "func", "__func__"):
@@ -186,17 +183,38 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
     needed = ("mass_matrix", "u0", "v0", *_FUNCTIONS)
     if missing := ", ".join(key for key in needed if not hasattr(definition, key)):
         raise ProblemError(f"{source} returned {_described(definition)}, which lacks {missing}")
-    u0 = _attribute(definition.u0, "u0", source, None)
+
+    def where(key: str) -> str:
+        return _begin(getattr(definition, key, None)) or source
+
+    def array(key: str, shape: _Shape) -> Array:
+        of = f"{source}: {key} must be"
+        value = _array(
+            getattr(definition, key, 0.0),
+            shape,
+            lambda given, wanted: f"{of} {wanted}, given {given}",
+        )
+        return _finite(value, f"{of} finite").copy(order="C")
+
+    u0 = array("u0", "(n,)")
     n = len(u0)
-    v0 = _attribute(definition.v0, "v0", source, (n,))
-    mass_matrix = _attribute(definition.mass_matrix, "mass_matrix", source, (n, n))
-    t0 = float(_attribute(getattr(definition, "t0", 0.0), "t0", source, ()))
-    chosen = {key: getattr(definition, key, None) for key in (*_FUNCTIONS, *_OPTIONAL)}
-    used, gradient = _used(chosen, u0, v0, t0, source)
-    m = gradient.shape[1]
-    _require_regular(mass_matrix, gradient, source, chosen["gradient"])
+    v0, mass_matrix, t0 = array("v0", (n,)), array("mass_matrix", (n, n)), float(array("t0", ()))
+
+    used, m = dict[str, Callable[..., Any]](), 0
+    for key in ("constraints", "force", "gradient", *_OPTIONAL):
+        function = getattr(definition, key, None)
+        if function is None and key not in _FUNCTIONS:
+            continue
+        if not callable(function):
+            given = _described(function)
+            raise ProblemError(f"{source}: {key} must be a function, given {given}")
+        arguments, shape = _call(key, u0, v0, t0, m)
+        value, used[key] = _called(function, arguments, key, where(key), shape)
+        if key == "constraints":
+            m = len(value)
+        elif key == "gradient":
+            _require_regular(mass_matrix, value, source, where(key))
     functions = {key: used[key] for key in _FUNCTIONS}
-    tangents = {key: used.get(key) for key in _TANGENTS}
     rows = {key: used[key] for key in constraint_rows.NAMES if key in used}
     compiled = all(is_jitted(f) for key, f in used.items() if key != "energy")
     compile_ = njit if compiled else differences.as_it_is
@@ -205,13 +223,14 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
         [index.ravel().astype(np.int64) for index in np.indices(shape)]
         for shape in ((n, n), (n, m))
     )
+    exact = quadratic or len(rows) == len(constraint_rows.NAMES)
     problem = Problem(
         name=name,
         u0=u0,
         v0=v0,
         t0=t0,
         constraints=m,
-        function=_evaluate(functions, tangents, compile_),
+        function=_evaluate(used, compile_),
         derivatives=constraint_rows.derivatives(functions, rows, compile_, quadratic),
         ints=np.zeros((1, 1), np.int64),
         reals=np.ones((1, 1)),
@@ -221,82 +240,59 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
         quadratic=quadratic,
         potential=_potential(used.get("energy"), mass_matrix),
         coordinates_given=_names(definition, "coordinate_names", n, source),
-        constraints_given=tuple(
-            (name,) for name in _names(definition, "constraint_names", m, source)
-        ),
-        rows_given="exact"
-        if quadratic or len(rows) == len(constraint_rows.NAMES)
-        else "differences",
+        constraints_given=[(own,) for own in _names(definition, "constraint_names", m, source)],
+        rows_given="exact" if exact else "differences",
     )
     restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
-    Agreement(
-        problem, functions, restated, lambda key: f"{_begin(chosen[key]) or source}: {key}"
-    ).require()
-    _require_quadratic(problem, functions, source, chosen["constraints"])
+    Agreement(problem, functions, restated, lambda key: f"{where(key)}: {key}").require()
+    _require_quadratic(problem, where("constraints"))
     if found := starting.missed(problem, u0, v0):
-        raise _error(source, found[0], f"violates the constraints: {found[1]}")
+        raise ProblemError(f"{source}: {found[0]} violates the constraints: {found[1]}")
     return problem
 
 
-def _used(
-    chosen: Mapping[str, Any], u: Array, v: Array, t: float, source: str
-) -> tuple[dict[str, Any], Array]:
-    """Functions of a definition, made to return arrays, and G at the start."""
-    for key, function in chosen.items():
-        if not (callable(function) or (function is None and key not in _FUNCTIONS)):
-            raise _error(source, key, f"must be a function, given {_described(function)}")
-    phi, constraints = _called(chosen["constraints"], (u, t), "constraints", source, None)
-    used, values = {"constraints": constraints}, {}
-    for key, (arguments, shape) in _calls(u, v, t, len(phi)).items():
-        if chosen[key] is not None:
-            values[key], used[key] = _called(chosen[key], arguments, key, source, shape)
-    return used, values["gradient"]
-
-
-def _require_regular(mass: Array, gradient: Array, source: str, function: Any) -> None:
+def _require_regular(mass: Array, gradient: Array, source: str, where: str) -> None:
     """M and G that determine accelerations at the start."""
+    of_mass = f"{source}: mass_matrix"
     if not np.allclose(mass, mass.T):
-        raise _error(source, "mass_matrix", "must be symmetric")
+        raise ProblemError(f"{of_mass} must be symmetric")
     inertia = np.linalg.eigvalsh(mass)
     if inertia[-1] <= 0 or inertia[0] < -1e-13 * inertia[-1]:
-        raise _error(
-            source, "mass_matrix", "must be positive: it has a negative eigenvalue, or is 0"
-        )
+        raise ProblemError(f"{of_mass} must be positive: it has a negative eigenvalue, or is 0")
     m = gradient.shape[1]
     if m == 0 or np.linalg.matrix_rank(gradient) < m:
-        text = f"has a rank below {m} at the start: constraints are redundant"
-        raise _error(source, "gradient", text, function)
+        raise ProblemError(
+            f"{where}: gradient has a rank below {m} at the start: constraints are redundant"
+        )
     if inertia[0] <= 1e-13 * inertia[-1] and index_1.weightless(mass, gradient).size:
-        text = "is singular on motions that the constraints allow: at the start the accelerations "
-        raise _error(source, "mass_matrix", text + "are not determined")
+        raise ProblemError(
+            f"{of_mass} is singular on motions that the constraints allow: at the start the "
+            "accelerations are not determined"
+        )
 
 
 def _names(definition: Any, key: str, count: int, source: str) -> tuple[str, ...]:
     """Names that a definition gives; none where it gives none."""
-    names = getattr(definition, key, None)
-    if names is None:
+    given = getattr(definition, key, None)
+    if given is None:
         return ()
-    if isinstance(names, str) or not isinstance(names, Iterable):
-        raise _error(source, key, f"must be a list of {count} names, given {_described(names)}")
-    names = tuple(names)
-    if len(names) != count:
-        raise _error(source, key, f"must be {count} names, given {len(names)}")
-    for place, name in enumerate(names):
-        if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise _error(source, key, f"must be text: name {place + 1} is {_described(name)}")
-        if name in names[:place]:
-            raise _error(source, key, f"must all be different: {name!r} is given twice")
-    return names
+    names = [] if isinstance(given, str) or not isinstance(given, Iterable) else [*given]
+    good = {x for x in names if isinstance(x, str) and x.strip() and x.isprintable()}
+    if not len(names) == len(good) == count:
+        shown = errors.one_line(repr(names or given))[:300]
+        raise ProblemError(
+            f"{source}: {key} must be a list of {count} different names, given {shown}"
+        )
+    return tuple(names)
 
 
-def _calls(
-    u: Array, v: Array, t: float, m: int
-) -> dict[str, tuple[tuple[Any, ...], tuple[int, ...]]]:
-    """Arguments of each function but the constraints at a state, and the shape of its value."""
+def _call(key: str, u: Array, v: Array, t: float, m: int) -> tuple[tuple[Any, ...], _Shape]:
+    """Arguments of a function at the start, and the shape of its value."""
     n = len(u)
     # An acceleration that changes u by its own size within a second.
     w = np.full(n, float(np.abs(u).max()) or 1.0)
-    return {
+    calls: dict[str, tuple[tuple[Any, ...], _Shape]] = {
+        "constraints": ((u, t), "(m,)"),
         "force": ((u, v, t), (n,)),
         "gradient": ((u, t), (n, m)),
         "energy": ((u, v, t), ()),
@@ -307,17 +303,16 @@ def _calls(
         "rate_gradient": ((u, v, t), (n, m)),
         "acceleration_gradient": ((u, v, w, t), (n, m)),
     }
+    return calls[key]
 
 
-def _evaluate(
-    functions: Mapping[str, Any], tangents: Mapping[str, Any], compile_: differences.Compiler
-) -> Callable[..., None]:
+def _evaluate(functions: Mapping[str, Any], compile_: differences.Compiler) -> Callable[..., None]:
     """The function that engines call, in terms of the user's; X and Y by differences if None."""
     force_of, phi_of, gradient_of = (functions[key] for key in _FUNCTIONS)
-    of_u, of_v = (tangents[key] is None for key in _TANGENTS)
+    of_u, of_v = (key not in functions for key in _TANGENTS)
     copy = differences.copying(compile_)
-    give_x = differences.giving(tangents["stiffness"], "uvwt", copy.flat, compile_)
-    give_y = differences.giving(tangents["damping"], "uvt", copy.flat, compile_)
+    give_x = differences.giving(functions.get("stiffness"), "uvwt", compile_)
+    give_y = differences.giving(functions.get("damping"), "uvt", compile_)
 
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
@@ -326,13 +321,13 @@ def _evaluate(
             u, v, multipliers, of_u, of_v
         )
         for k in range(us.shape[0]):
-            copy.vector(force_of(us[k], vs[k], t), forces[k])
+            copy(force_of(us[k], vs[k], t), forces[k])
         for k in range(gradients.shape[0]):
-            copy.matrix(gradient_of(us[k], t), gradients[k])
-        copy.vector(phi_of(u, t), phi)
+            copy(gradient_of(us[k], t), gradients[k])
+        copy(phi_of(u, t), phi)
         differences.add_reactions(forces, gradients, multipliers)
-        differences.copy_vector(forces[0], force)
-        differences.flatten(gradients[0], g_values)
+        differences.copy(forces[0], force)
+        differences.copy(gradients[0], g_values)
         differences.take_tangents(forces, of_u, of_v, step, pace, x_values, y_values)
         give_x(u, v, multipliers, t, x_values)
         give_y(u, v, multipliers, t, y_values)
@@ -353,50 +348,39 @@ def _potential(
     return potential
 
 
-def _require_quadratic(
-    problem: Problem, functions: Mapping[str, Any], source: str, function: Any
-) -> None:
+def _require_quadratic(problem: Problem, where: str) -> None:
     """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ, if declared so."""
-    u, t = problem.u0, problem.t0
+    u, t, still = problem.u0, problem.t0, np.zeros(problem.n)
     for seed in range(3 if problem.quadratic else 0):
         random = np.random.default_rng(seed)
         change = random.normal(size=problem.n) * np.abs(u).max()
         # Not a whole number of seconds, in which a law of time may repeat itself.
         elapsed = random.uniform(0.1, 1.0)
-        expected = np.asarray(functions["gradient"](u + change / 2, t)).T @ change
+        half = problem.evaluate(t, u + change / 2, still, np.zeros(problem.m))
+        expected = half.G.T @ change
         begin, end, later = (
-            np.asarray(functions["constraints"](*at))
-            for at in ((u, t), (u + change, t), (u + change, t + elapsed))
+            problem.constraint_values(*at)
+            for at in ((t, u), (t, u + change), (t + elapsed, u + change))
         )
-        size = float(np.abs(expected).max() + np.abs(begin).max() + np.abs(end).max())
-        if np.abs(end - begin - expected).max() > _CONSISTENCY * size:
-            raise _error(source, "constraints", "are declared quadratic, but are not", function)
-        if np.abs(later - end).max() > _CONSISTENCY * size:
-            raise _error(source, "constraints", "are declared quadratic, but depend on t", function)
+        least = _CONSISTENCY * sum(float(np.abs(x).max()) for x in (expected, begin, end))
+        for change, what in ((end - begin - expected, "are not"), (later - end, "depend on t")):
+            if np.abs(change).max() > least:
+                raise ProblemError(f"{where}: constraints are declared quadratic, but {what}")
 
 
 def _called(
-    function: Any,
-    arguments: tuple[Any, ...],
-    key: str,
-    source: str,
-    shape: tuple[int, ...] | None,
+    function: Any, arguments: tuple[Any, ...], key: str, where: str, shape: _Shape
 ) -> tuple[Array, Callable[..., Any]]:
     """Result of a function at the start, and the function that returns it as an array.
 
     A function that returns arrays is itself that function: converting costs time in every
     Newton iteration.
     """
-    try:
+    with _reported(where, f"{key} failed: "):
         result = function(*arguments)
-    except BaseException as error:  # an exit included
-        if user_code.is_interrupt(error):
-            raise
-        where = ": ".join(user_code.raised_at(error)) or _begin(function) or source
-        raise ProblemError(f"{where}: {key} failed: {errors.described(error)[:300]}") from None
-    value = _array(result, key, "returned {value}, expected {expected}", source, shape, function)
-    if not np.all(np.isfinite(value)):
-        raise _error(source, key, f"is not finite at the start: {_place_of(value)}", function)
+    of = f"{where}: {key}"
+    value = _array(result, shape, lambda given, wanted: f"{of} returned {given}, expected {wanted}")
+    _finite(value, f"{of} is not finite at the start")
     if isinstance(result, np.ndarray) or shape == ():
         return value, function
     return value, _converting(function)
@@ -414,34 +398,18 @@ def _converting(function: Callable[..., Any]) -> Callable[..., Array]:
     return lambda *arguments: _numbers(function(*arguments))
 
 
-def _attribute(value: Any, key: str, source: str, shape: tuple[int, ...] | None) -> Array:
-    """An attribute as an array of its own; any length if the shape is None."""
-    array = _array(value, key, "must be {expected}, given {value}", source, shape)
-    if not np.all(np.isfinite(array)):
-        raise _error(source, key, f"must be finite: {_place_of(array)}")
-    return array.copy(order="C")
-
-
-def _array(
-    value: Any,
-    key: str,
-    complaint: str,
-    source: str,
-    shape: tuple[int, ...] | None,
-    function: Any = None,
-) -> Array:
-    """The user's value as an array of floats; one dimension if the shape is None."""
-    unsized = "(m,)" if key == "constraints" else "(n,)"
-    expected = "a number" if shape == () else f"an array of shape {shape or unsized}"
+def _array(value: Any, shape: _Shape, complaint: Callable[[str, str], str]) -> Array:
+    """The user's value as an array of floats; a complaint takes what it is, and what it must be."""
     described = _described(value)
     try:
         array = _numbers(value)
-        if array.ndim == 1 if shape is None else array.shape == shape:
+        if array.ndim == 1 if isinstance(shape, str) else array.shape == shape:
             return array
         described = f"{described} of shape {array.shape}" if array.ndim else described
     except (TypeError, ValueError):
         pass
-    raise _error(source, key, complaint.format(value=described, expected=expected), function)
+    wanted = "a number" if shape == () else f"an array of shape {shape}"
+    raise ProblemError(complaint(described, wanted))
 
 
 def _numbers(value: Any) -> Array:
@@ -455,11 +423,13 @@ def _numbers(value: Any) -> Array:
     return np.asarray(array, float)
 
 
-def _place_of(array: Array) -> str:
-    """The first component that is not finite."""
-    place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-    where = ", ".join(str(i + 1) for i in place)
-    return f"component {where} is {array[place]}" if place else f"it is {float(array)}"
+def _finite(array: Array, complaint: str) -> Array:
+    """The array; an error names its first component that is not finite."""
+    for place in np.argwhere(~np.isfinite(array)).tolist():
+        where = ", ".join(str(i + 1) for i in place)
+        what = f"component {where} is" if where else "it is"
+        raise ProblemError(f"{complaint}: {what} {float(array[tuple(place)])}")
+    return array
 
 
 def _described(value: Any) -> str:
@@ -498,7 +468,8 @@ def pushed(problem: Problem, pushes: Sequence[Push], folder: Path, shown_folder:
         own = list(push.coordinates)
         start = _places(problem.u0[own], push.weights, push.offsets)
         speed = _places(problem.v0[own], push.weights, 0 * push.offsets)
-        _, function = _called(function, (start, speed, problem.t0), name, shown, start.shape)
+        where = _begin(function) or shown
+        _, function = _called(function, (start, speed, problem.t0), name, where, start.shape)
         named = {os.path.normpath(os.path.join(file, "..", key)): x for key, x in contents.items()}
         code += repr((push.python, named))
         sources |= named
@@ -512,7 +483,7 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
     compile_ = njit if compiled else differences.as_it_is
     own, weights = np.array(push.coordinates, np.int64), np.ascontiguousarray(push.weights)
     offsets, at_rest = push.offsets, 0 * push.offsets
-    pattern, before, copy = problem.pattern, problem.function, differences.copying(compile_).matrix
+    pattern, before, copy = problem.pattern, problem.function, differences.copying(compile_)
     first_x, first_y = len(pattern.x_rows), len(pattern.y_rows)
 
     def evaluate(  # type: ignore[no-untyped-def]
