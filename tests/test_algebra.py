@@ -82,7 +82,7 @@ def test_factors(size):
     """Solutions and inverses have small residuals; P A = L U is what is said of it."""
     for seed in range(4):
         matrix = uneven((size, size), seed, decades=8)
-        factors = algebra.Factors(matrix)
+        factors = algebra.LU(matrix)
         lower, upper = np.tril(factors.lu, -1) + np.eye(size), np.triu(factors.lu)
         assert np.all(np.abs(lower) <= 1)
         parts = np.abs(lower) @ np.abs(upper)
@@ -103,15 +103,15 @@ def test_factors(size):
 def test_matrices_without_an_inverse_are_refused():
     """Where a pivot is exactly zero; what is not a number is handed on."""
     with pytest.raises(np.linalg.LinAlgError):
-        algebra.Factors(np.array([[1.0, 2.0], [2.0, 4.0]]))
-    assert np.isnan(algebra.Factors(np.array([[np.nan]])).solve(np.ones(1))).all()
+        algebra.LU(np.array([[1.0, 2.0], [2.0, 4.0]]))
+    assert np.isnan(algebra.LU(np.array([[np.nan]])).solve(np.ones(1))).all()
 
 
 def test_arguments_are_not_overwritten():
     """Neither by elimination nor by reflections."""
     matrix, rhs = uneven((4, 4), 0), np.ones(4)
     before = matrix.copy()
-    algebra.Factors(matrix).solve(rhs)
+    algebra.LU(matrix).solve(rhs)
     algebra.spectral_norm(matrix)
     algebra.spectral_norm(matrix.T)
     np.testing.assert_array_equal(matrix, before)

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.problems import redundancy
-from newmark_cli.problems.algebra import Factors, solver
+from newmark_cli.problems.algebra import LU, solver
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.redundancy import column_norms, gradient_of
 from newmark_cli.support.arrays import Array
@@ -72,7 +72,7 @@ def least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
 def solver_if_regular(matrix: Array) -> Callable[[Array], Array] | None:
     """Solver of A x = rhs; None if A is nearly singular."""
     try:
-        factors = Factors(matrix)
+        factors = LU(matrix)
     except np.linalg.LinAlgError:
         return None
     pivots = np.abs(np.diagonal(factors.lu))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import lsqr
 
-from newmark_cli.problems.algebra import Factors, spectral_norm
+from newmark_cli.problems.algebra import LU, spectral_norm
 from newmark_cli.support.arrays import Array
 
 _MOST_SWEEPS = 50
@@ -93,7 +93,7 @@ class Inverted:
         even = self.rows[:, None] * jacobian * self.columns[None, :]
         if not is_regular(even):
             raise np.linalg.LinAlgError("Singular matrix")
-        self._inverse = Factors(even).inverse()
+        self._inverse = LU(even).inverse()
 
     def inverse(self) -> Array:
         """(N, N) J⁻¹."""

@@ -22,7 +22,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.algebra import Factors, norm, product, spectral_norm
+from newmark_cli.problems.algebra import LU, norm, product, spectral_norm
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
@@ -107,7 +107,7 @@ def projector(problem: Problem) -> Projector:
     of_coordinate: dict[int, tuple[Any, Any]] = {}
     for block, part, invertible in zip(blocks, parts, regular, strict=True):
         mean = float(np.trace(part)) / len(block) or usual
-        inverse = Factors(part).inverse() if invertible else np.eye(len(block)) / mean
+        inverse = LU(part).inverse() if invertible else np.eye(len(block)) / mean
         of_coordinate.update((int(i), (block, inverse[:, j])) for j, i in enumerate(block))
     rows, columns, sources, values = [], [], [], []
     for e, (i, k) in enumerate(zip(pattern.g_rows.tolist(), pattern.g_columns, strict=True)):

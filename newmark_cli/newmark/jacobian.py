@@ -3,12 +3,13 @@
 Solvers outside of the kernel and measures take it from here; see `linear/assembly.py`.
 """
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse
 
 from newmark_cli.newmark.constraints import Tangents, constraining_of
 from newmark_cli.newmark.linear import assembly
-from newmark_cli.newmark.linear.assembly import Products
 from newmark_cli.newmark.linear.ordering import Order
 from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scaling import sensitivity
@@ -39,11 +40,7 @@ class Jacobian:
         n, m, tables = problem.n, problem.m, assembly.unscaled(scheme)
         self.size = assembly.unknowns(problem, scheme)
         fixed = assembly.constants(problem, tables)
-        self.products: Products | None = None
-        if self.constraining:
-            sums, self.products = assembly.of_formulation(problem, tables, self.constraining)
-        else:
-            sums = assembly.of_index_3(problem, tables)
+        sums, self.products = assembly.of_formulation(problem, tables, self.constraining)
         self._fixed, self._sources, self._weights = fixed.values, sums.origins, sums.coefficients
         rows, columns = (np.concatenate(pair) for pair in zip(fixed[:2], sums[:2], strict=True))
 
@@ -62,9 +59,7 @@ class Jacobian:
 
     def entries(self, values: Values, tangents: Tangents | None = None) -> Array:
         """Entries of J, not scaled, at `rows`, `columns`."""
-        sources = assembly.sources(values, tangents)
-        if self.products:
-            sources = self.products.behind(sources)
+        sources = self.products.behind(assembly.sources(values, tangents))
         weighted = np.concatenate([self._fixed, self._weights * sources[self._sources]])
         return summed(self._slots, weighted, len(self.rows))
 
@@ -123,9 +118,12 @@ class Balanced:
     Attributes:
         size: N.
         scaled, balanced: Entries of J̄, and of the balanced matrix.
+        factors: Of the balanced matrix; raises numpy.linalg.LinAlgError when J̄ is singular.
         row_factors, column_factors: (N,) from scaled rows to balanced ones, and back from
             balanced unknowns.
     """
+
+    factors: Any
 
     def __init__(self, system: Jacobian, values: Values, tangents: Tangents | None) -> None:
         problem, scheme = system.problem, system.scheme
@@ -136,3 +134,11 @@ class Balanced:
         entries = system.entries(values, tangents)
         self.balanced = rows[system.rows] * entries * columns[system.columns]
         self.row_factors, self.column_factors = rows / left, columns / right
+
+    def solve(self, rhs: Array) -> Array:
+        """Solution of J̄ q̄ = rhs."""
+        return np.asarray(self.column_factors * self.factors.solve(self.row_factors * rhs))
+
+    def condition(self) -> float:
+        """Condition number ‖J̄‖·‖J̄⁻¹‖."""
+        raise NotImplementedError

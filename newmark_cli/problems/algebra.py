@@ -20,7 +20,7 @@ DENSE_UP_TO = 120
 _NEGLIGIBLE = 1e-280
 
 
-class Factors:
+class LU:
     """P A = L U by elimination with partial pivoting; the first of equal pivots is taken.
 
     Attributes:
@@ -52,14 +52,14 @@ class Factors:
 def solver(matrix: Any) -> Callable[[Array], Array]:
     """Solver of A x = rhs of a sparse matrix (N, N).
 
-    Up to `DENSE_UP_TO` unknowns it is that of `Factors`, beyond SuperLU's, whose last bits are
+    Up to `DENSE_UP_TO` unknowns it is that of `LU`, beyond SuperLU's, whose last bits are
     those of the BLAS.
 
     Raises:
         numpy.linalg.LinAlgError: When a pivot is exactly zero.
     """
     if matrix.shape[0] <= DENSE_UP_TO:
-        return Factors(matrix.toarray()).solve
+        return LU(matrix.toarray()).solve
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
 

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csc_array
 
 from newmark_cli.problems import algebra
-from newmark_cli.problems.algebra import Factors, product, solver
+from newmark_cli.problems.algebra import LU, product, solver
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
@@ -155,7 +155,7 @@ class Index1:
             return lambda rhs: np.full_like(rhs, np.nan)
         try:
             dense = isinstance(matrix, np.ndarray)
-            solve = Factors(matrix).solve if dense else solver(matrix)
+            solve = LU(matrix).solve if dense else solver(matrix)
         except np.linalg.LinAlgError as error:
             raise np.linalg.LinAlgError("the index-1 matrix is singular") from error
 

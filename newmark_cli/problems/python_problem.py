@@ -245,7 +245,7 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
     )
     restated = {key: f for key, f in used.items() if key not in _FUNCTIONS}
     Agreement(problem, functions, restated, lambda key: f"{where(key)}: {key}").require()
-    _require_quadratic(problem, where("constraints"))
+    _require_quadratic(problem, functions, where("constraints"))
     if found := starting.missed(problem, u0, v0):
         raise ProblemError(f"{source}: {found[0]} violates the constraints: {found[1]}")
     return problem
@@ -348,23 +348,22 @@ def _potential(
     return potential
 
 
-def _require_quadratic(problem: Problem, where: str) -> None:
+def _require_quadratic(problem: Problem, functions: Mapping[str, Any], where: str) -> None:
     """Φ(u + Δ) − Φ(u) = G(u + Δ/2)ᵀ Δ for three changes, and no time in Φ, if declared so."""
-    u, t, still = problem.u0, problem.t0, np.zeros(problem.n)
+    u, t = problem.u0, problem.t0
     for seed in range(3 if problem.quadratic else 0):
         random = np.random.default_rng(seed)
         change = random.normal(size=problem.n) * np.abs(u).max()
         # Not a whole number of seconds, in which a law of time may repeat itself.
         elapsed = random.uniform(0.1, 1.0)
-        half = problem.evaluate(t, u + change / 2, still, np.zeros(problem.m))
-        expected = half.G.T @ change
+        expected = np.asarray(functions["gradient"](u + change / 2, t)).T @ change
         begin, end, later = (
-            problem.constraint_values(*at)
-            for at in ((t, u), (t, u + change), (t + elapsed, u + change))
+            np.asarray(functions["constraints"](*at))
+            for at in ((u, t), (u + change, t), (u + change, t + elapsed))
         )
         least = _CONSISTENCY * sum(float(np.abs(x).max()) for x in (expected, begin, end))
-        for change, what in ((end - begin - expected, "are not"), (later - end, "depend on t")):
-            if np.abs(change).max() > least:
+        for misfit, what in ((end - begin - expected, "are not"), (later - end, "depend on t")):
+            if np.abs(misfit).max() > least:
                 raise ProblemError(f"{where}: constraints are declared quadratic, but {what}")
 
 

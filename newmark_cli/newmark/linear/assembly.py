@@ -84,30 +84,28 @@ def constants(problem: Problem, tables: StepTables) -> Constants:
 
 def of_index_3(problem: Problem, tables: StepTables) -> Sums:
     """X, Y and −G in row D, Gᵀ in row C."""
-    pattern, n = problem.pattern, problem.n
-    p, first = len(tables.kept), len(pattern.x_rows) + len(pattern.y_rows)
-    of_g, row = first + np.arange(len(pattern.g_rows)), 1 + len(tables.row_weights)
-    parts = _of_motion(problem, tables)
-    for k, right in enumerate(tables.right[:p]):
-        if (weight := tables.weights[0, k]) != 0:
-            factor = tables.left[row] * weight * right
-            parts.append((row * n + pattern.g_columns, k * n + pattern.g_rows, of_g, factor))
-    factor = -(tables.left[0] * tables.right[p])
-    parts.append((pattern.g_rows, p * n + pattern.g_columns, of_g, factor))
-    return _sums(parts, tables)
+    return of_formulation(problem, tables)[0]
 
 
 def of_formulation(
-    problem: Problem, tables: StepTables, constraining: Constraining
+    problem: Problem, tables: StepTables, constraining: Constraining | None = None
 ) -> tuple[Sums, Products]:
     """X and Y in row D, rows of constraints, −G, a penalty, and the columns of η.
 
     P stands behind X, Y, M and the rows of constraints, where η moves eliminated fields.
     """
-    parts, products = _of_motion(problem, tables), _Multiplied(problem, constraining)
+    products = _Multiplied(problem, constraining)
     pattern, n, m, p = problem.pattern, problem.n, problem.m, len(tables.kept)
-    left, weights, to_projector = tables.left, tables.weights, constraining.projector
-    rows = list(enumerate(constraining.weights))
+    left, weights, parts = tables.left, tables.weights, list[_Part]()
+    for k, right in enumerate(tables.right[:p]):
+        for field, rows_of, columns_of, of in (
+            (0, pattern.x_rows, pattern.x_columns, products.x),
+            (1, pattern.y_rows, pattern.y_columns, products.y),
+        ):
+            if (weight := weights[field, k]) != 0:
+                parts.append((rows_of, k * n + columns_of, of, left[0] * weight * right))
+    # Φ itself for index 3.
+    rows = list(enumerate(constraining.weights if constraining else np.eye(1, 3)))
     first_row = 1 + len(tables.row_weights)
     for row, used in rows:
         at = p * n + row * m + pattern.g_columns
@@ -120,6 +118,8 @@ def of_formulation(
     if rows:
         factor = -(left[0] * tables.right[p])
         parts.append((pattern.g_rows, p * n + pattern.g_columns, products.g, factor))
+    if constraining is None:
+        return _sums(parts, tables), products.all
     if constraining.penalty:
         one, other = constraining.pairs
         square = products.of(products.g[one], products.g[other])
@@ -129,6 +129,7 @@ def of_formulation(
                 factor = left[0] * weight * right * constraining.penalty
                 parts.append((i, k * n + j, square, factor))
     if constraining.stabilised:
+        to_projector = constraining.projector
         right, at = tables.right[p + 1], p * n + m + to_projector.columns
         for entries, field, of_entries in (
             ((pattern.x_rows, pattern.x_columns), 0, products.x),
@@ -162,10 +163,12 @@ def of_formulation(
 class _Multiplied:
     """Numbers of the sources of a formulation, and its products."""
 
-    def __init__(self, problem: Problem, constraining: Constraining) -> None:
-        pattern, rows = problem.pattern, len(constraining.weights)
+    def __init__(self, problem: Problem, constraining: Constraining | None) -> None:
+        pattern, sizes = problem.pattern, [0, 0]
         x, y, g = (len(of) for of in (pattern.x_rows, pattern.y_rows, pattern.g_rows))
-        sizes = [x, y, g, 3 * rows * g, len(constraining.projector.rows)]
+        if constraining:
+            sizes = [3 * len(constraining.weights) * g, len(constraining.projector.rows)]
+        sizes = [x, y, g, *sizes]
         ends = np.cumsum(sizes)
         self.x, self.y, self.g, self._tangents, self.directions = (
             np.arange(end - size, end) for size, end in zip(sizes, ends, strict=True)
@@ -175,7 +178,9 @@ class _Multiplied:
         self._parts: list[tuple[IndexArray, IndexArray]] = [(none, none)]
 
     def tangents(self, row: int, field: int) -> IndexArray:
-        """Those of a row of constraints to a field."""
+        """Those of a row of constraints to a field; G where these are Φ itself."""
+        if not len(self._tangents):
+            return self.g
         return self._tangents[(3 * row + field) * self._entries :][: self._entries]
 
     def of(self, first: IndexArray, second: IndexArray) -> IndexArray:
@@ -207,23 +212,6 @@ def _meetings(left: IndexArray, right: IndexArray, size: int) -> tuple[IndexArra
 
 
 _Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any] | Array]
-
-
-def _of_motion(problem: Problem, tables: StepTables) -> list[_Part]:
-    """X and Y in row D."""
-    pattern, n = problem.pattern, problem.n
-    of_x = np.arange(len(pattern.x_rows))
-    of_y = len(of_x) + np.arange(len(pattern.y_rows))
-    parts: list[_Part] = []
-    for k, right in enumerate(tables.right[: len(tables.kept)]):
-        u_weight, v_weight = tables.weights[:2, k]
-        if u_weight != 0:
-            factor = tables.left[0] * u_weight * right
-            parts.append((pattern.x_rows, k * n + pattern.x_columns, of_x, factor))
-        if v_weight != 0:
-            factor = tables.left[0] * v_weight * right
-            parts.append((pattern.y_rows, k * n + pattern.y_columns, of_y, factor))
-    return parts
 
 
 def _sums(parts: list[_Part], tables: StepTables) -> Sums:

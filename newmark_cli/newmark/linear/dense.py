@@ -11,7 +11,7 @@ from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Sums
 from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.algebra import Factors, spectral_norm
+from newmark_cli.problems.algebra import LU, spectral_norm
 from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array
 
@@ -20,16 +20,13 @@ class BalancedJacobian(Balanced):
     """J̄ at a state, solved by dense elimination of the balanced matrix."""
 
     @cached_property
-    def _factors(self) -> Factors:
-        return Factors(self.system.dense(self.balanced))
-
-    def solve(self, rhs: Array) -> Array:
-        """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        return np.asarray(self.column_factors * self._factors.solve(self.row_factors * rhs))
+    def factors(self) -> LU:
+        """Of the balanced matrix."""
+        return LU(self.system.dense(self.balanced))
 
     def inverse(self) -> Array:
         """J̄⁻¹; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        inverse = self._factors.inverse()
+        inverse = self.factors.inverse()
         return np.asarray(self.column_factors[:, None] * inverse * self.row_factors[None, :])
 
     def condition(self) -> float:
@@ -84,7 +81,7 @@ class DenseSystem(Jacobian):
 
     def solve(self, values: Values, rhs: Array, tangents: Tangents | None = None) -> Array:
         """Solution of J̄ q̄ = rhs; raises numpy.linalg.LinAlgError when J̄ is singular."""
-        return Factors(self.dense(self.scaled_entries(values, tangents))).solve(rhs)
+        return LU(self.dense(self.scaled_entries(values, tangents))).solve(rhs)
 
     def balanced(self, t: float, state: State) -> BalancedJacobian:
         """J̄ at a state, to be solved accurately."""

@@ -18,7 +18,7 @@ from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear.choice import Krylov, Stagnation
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.algebra import Factors, norm, product
+from newmark_cli.problems.algebra import LU, norm, product
 from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support.arrays import Array
 
@@ -136,5 +136,5 @@ def _gmres_cycle(
             break
     if columns == 0:
         return np.zeros_like(rhs), 1
-    weights = Factors(triangle[:columns, :columns]).solve(size * rotations[:columns, 0])
+    weights = LU(triangle[:columns, :columns]).solve(size * rotations[:columns, 0])
     return product(weights, basis[:columns]), columns

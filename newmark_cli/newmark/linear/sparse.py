@@ -5,7 +5,7 @@ dense.  What makes the plain LU factorisation of J̄ usable at small step sizes,
 scaled or not, is the order of elimination: see `elimination_order`.
 """
 
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -128,66 +128,37 @@ class SparseSystem(Jacobian):
         return SparseBalancedJacobian(self, *self.at(t, state))
 
 
-class Solvable(Protocol):
-    """A factorised matrix A."""
-
-    size: int
-
-    def solve(self, rhs: Array) -> Array:
-        """Solution of A x = rhs."""
-
-    def solve_transposed(self, rhs: Array) -> Array:
-        """Solution of Aᵀ x = rhs."""
-
-
-def inverse_norm(matrix: Solvable) -> float:
-    """‖A⁻¹‖₁, estimated from below.
-
-    The estimate (Higham & Tisseur 2000) is rarely less than a third of the norm.  It
-    works on one column: with more it would draw random ones, from a generator that
-    threads share, and differ from run to run.
-    """
-    inverse = LinearOperator(
-        (matrix.size, matrix.size),
-        matvec=lambda x: matrix.solve(np.ravel(x)),
-        rmatvec=lambda x: matrix.solve_transposed(np.ravel(x)),
-        dtype=float,
-    )
-    return float(onenormest(inverse, t=1))
-
-
 class _DenseFactors:
     """Factors of a matrix, the same on every processor."""
 
     def __init__(self, matrix: Array) -> None:
-        self.size = len(matrix)
-        self.solve = algebra.Factors(matrix).solve
-        self.solve_transposed = algebra.Factors(matrix.T).solve
+        self.solve = algebra.LU(matrix).solve
+        self.solve_transposed = algebra.LU(matrix.T).solve
 
 
 class SparseBalancedJacobian(Balanced):
     """J̄ at a state, solved through the balanced matrix."""
 
-    def __init__(
-        self, system: SparseSystem, values: Values, tangents: Tangents | None = None
-    ) -> None:
-        super().__init__(system, values, tangents)
-        self._factors: Solvable = (
-            _DenseFactors(system.dense(self.balanced))
-            if system.size <= algebra.DENSE_UP_TO
-            else system.factorise(self.balanced)
-        )
-
-    def solve(self, rhs: Array) -> Array:
-        """Solution of J̄ q̄ = rhs."""
-        return np.asarray(self.column_factors * self._factors.solve(self.row_factors * rhs))
-
-    def solve_transposed(self, rhs: Array) -> Array:
-        """Solution of J̄ᵀ x = rhs."""
-        solved = self._factors.solve_transposed(self.column_factors * rhs)
-        return np.asarray(self.row_factors * solved)
+    @cached_property
+    def factors(self) -> SparseFactors | _DenseFactors:
+        """Of the balanced matrix."""
+        if self.size <= algebra.DENSE_UP_TO:
+            return _DenseFactors(self.system.dense(self.balanced))
+        return self.system.factorise(self.balanced)  # type: ignore[attr-defined,no-any-return]
 
     def condition(self) -> float:
-        """1-norm condition number ‖J̄‖₁·‖J̄⁻¹‖₁; see `inverse_norm`."""
+        """1-norm condition number ‖J̄‖₁·‖J̄⁻¹‖₁, the second estimated from below.
+
+        The estimate (Higham & Tisseur 2000) is rarely less than a third of the norm.  It
+        works on one column: with more it would draw random ones, from a generator that
+        threads share, and differ from run to run.
+        """
+        rows, columns, factors = self.row_factors, self.column_factors, self.factors
+        inverse = LinearOperator(
+            (self.size, self.size),
+            matvec=lambda x: self.solve(np.ravel(x)),
+            rmatvec=lambda x: rows * factors.solve_transposed(columns * np.ravel(x)),
+            dtype=float,
+        )
         norm = summed(self.system.columns, np.abs(self.scaled), self.size).max()
-        return float(norm * inverse_norm(self))
+        return float(norm * float(onenormest(inverse, t=1)))

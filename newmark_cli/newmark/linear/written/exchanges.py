@@ -17,7 +17,7 @@ from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march_data import MatrixTables, State
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.algebra import Factors
+from newmark_cli.problems.algebra import LU
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -121,7 +121,7 @@ def _written(
 def row_order(matrix: Array) -> IndexArray | None:
     """(N,) rows in the order of their pivots; None where a pivot is zero or not a number."""
     try:
-        factors = Factors(matrix)
+        factors = LU(matrix)
     except np.linalg.LinAlgError:
         return None
     # Also false where a pivot is not a number.

@@ -7,16 +7,13 @@ import numpy as np
 import scipy.sparse
 
 from newmark_cli.newmark.constraints import Tangents
+from newmark_cli.newmark.jacobian import Balanced
 from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.choice import DENSE_UP_TO
-from newmark_cli.newmark.linear.dense import BalancedJacobian, DenseSystem
+from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.ordering import CHOSEN_UP_TO, order_by_size, static_order
-from newmark_cli.newmark.linear.sparse import (
-    SparseBalancedJacobian,
-    SparseSystem,
-    inverse_norm,
-)
+from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written import generated, static_elimination
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.lists import EliminationLists
@@ -168,38 +165,6 @@ class StaticElimination:
         )
         return scipy.sparse.csc_array((entries, (rows, columns)), (self.size, self.size))
 
-    def balanced(self, values: Values) -> "StaticBalancedJacobian | None":
-        """J̄ at a state; None where rows would have to be exchanged."""
-        tables = self.tables._replace(work=self.tables.work.copy())
-        if static_elimination.eliminate(self.sources(values), *tables):
-            return StaticBalancedJacobian(self.matrix(values), tables)
-        return None
-
-
-class StaticBalancedJacobian:
-    """J̄ at a state as static elimination has factorised it, which no scaling changes."""
-
-    def __init__(self, matrix: scipy.sparse.csc_array, tables: MatrixTables) -> None:
-        """Of J̄ and the tables that `static_elimination.eliminate` has left."""
-        self.size, self._matrix = matrix.shape[0], matrix
-        self._factors = tables.structure, tables.room, tables.work
-
-    def solve(self, rhs: Array) -> Array:
-        """Solution of J̄ q̄ = rhs."""
-        solution = rhs.astype(self._factors[2].dtype)
-        static_elimination.substitute(solution, *self._factors)
-        return solution
-
-    def solve_transposed(self, rhs: Array) -> Array:
-        """Solution of J̄ᵀ x = rhs."""
-        solution = rhs.astype(self._factors[2].dtype)
-        static_elimination.substitute_transposed(solution, *self._factors)
-        return solution
-
-    def condition(self) -> float:
-        """1-norm condition number ‖J̄‖₁·‖J̄⁻¹‖₁; see `inverse_norm`."""
-        return float(abs(self._matrix).sum(axis=0).max() * inverse_norm(self))
-
 
 class StaticSystem:
     """J̄ of a scheme on a problem, and the kernel's static elimination of it.
@@ -240,14 +205,8 @@ class StaticSystem:
         matrix.eliminate_zeros()
         return matrix
 
-    def balanced(
-        self, t: float, state: State
-    ) -> BalancedJacobian | SparseBalancedJacobian | StaticBalancedJacobian:
-        """J̄ at a state, to be solved accurately."""
-        if not self.dense:
-            values = self.problem.values(t, state.fields[0], state.fields[1], state.multipliers)
-            if (balanced := self.elimination.balanced(values)) is not None:
-                return balanced
+    def balanced(self, t: float, state: State) -> Balanced:
+        """J̄ at a state, to be solved accurately, by the solver that exchanges rows."""
         return self.pivoting.balanced(t, state)
 
 

@@ -167,30 +167,6 @@ def substitute(rhs, structure, room, work):
 
 
 @_compile
-def substitute_transposed(rhs, structure, room, work):
-    """The same for the transposed matrix."""
-    size = np.intp(room[-1])
-    row_order = structure[np.intp(room[ROW_ORDER]) :]
-    column_order = structure[np.intp(room[COLUMN_ORDER]) :]
-    (
-        upper_starts, upper_rows, upper, lower_starts, lower_rows, lower, inverse,
-    ) = _factors(structure, room, work)  # fmt: skip
-    row_units, column_units = work[:size], work[size : 2 * size]
-    solution = work[4 * size : 5 * size]
-    for j in range(size):
-        value = rhs[column_order[j]] * column_units[j]
-        for e in range(upper_starts[j], upper_starts[j + 1]):
-            value -= upper[e] * solution[upper_rows[e]]
-        solution[j] = value * inverse[j]
-    for j in range(size - 1, -1, -1):
-        value = solution[j]
-        for e in range(lower_starts[j], lower_starts[j + 1]):
-            value -= lower[e] * solution[lower_rows[e]]
-        solution[j] = value
-        rhs[row_order[j]] = value * row_units[j]
-
-
-@_compile
 def solve_in_order(
     sources, rhs, constant, places, origins, coefficients, structure, room, work
 ):  # fmt: skip
