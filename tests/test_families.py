@@ -1,6 +1,5 @@
 """Mechanisms of any size: starts, motion, and what they are at their smallest."""
 
-import math
 import pickle
 
 import numpy as np
@@ -60,32 +59,6 @@ def test_a_member_is_the_mechanism_that_its_data_say(spec):
     assert found.constraint_names == expected.constraint_names
     assert found.points == expected.points
     assert found.drawing == expected.drawing
-
-
-@each("family", ["chain", "random-chain", "four-bars"])
-def test_bars_built_one_by_one_are_those_built_at_once(family):
-    """A bar between points of bodies keeps others from being built at once; rows are the same."""
-    alone = member(family, 5).load()
-    data = FAMILIES[family].mechanism(**dict(member(family, 5).sizes))
-    data["points"] |= {"Z": {"fixed": (-3.0, 0.0)}, "Y": {"at": (-3.0, 1.0)}}
-    rod = {"from": "Z", "to": "Y", "length": 1.0, "mass": 1.0, "inertia": 0.1}
-    last = list(data["points"])[-3]
-    apart = math.dist(data["points"][last]["at"], (-3.5, 0.0))
-    data["bodies"] = data.get("bodies", {}) | {"rod": rod}
-    data["body_points"] = {"X": {"on": "rod", "at": (0.0, 0.5)}}
-    bar = {"from": "X", "to": last, "length": apart}
-    data["bars"] = {"first": bar} | data.get("bars", {})
-    more = loading.made("more", data)
-    u, v, multipliers = more.u0 + 0.1, 0.0 * more.u0, np.arange(1.0, more.m + 1)
-    rows = [more.constraint_names.index(name) for name in alone.constraint_names]
-    multipliers[np.setdiff1d(np.arange(more.m), rows)] = 0.0
-    found = more.evaluate(0.0, u, v, multipliers)
-    expected = alone.evaluate(0.0, u[: alone.n], v[: alone.n], multipliers[rows])
-    np.testing.assert_array_equal(found.phi[rows], expected.phi)
-    np.testing.assert_array_equal(found.G[: alone.n, rows], expected.G)
-    np.testing.assert_array_equal(found.X[: alone.n, : alone.n], expected.X)
-    np.testing.assert_array_equal(found.force[: alone.n], expected.force)
-    np.testing.assert_array_equal(more.M[: alone.n, : alone.n], alone.M)
 
 
 @each("links", [1, 5, 400])

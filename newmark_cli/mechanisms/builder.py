@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from newmark_cli.mechanisms import elements, laws
-from newmark_cli.mechanisms.element_tables import ElementList, Group, Shape, Term
+from newmark_cli.mechanisms.element_tables import ElementList, Shape, Term
 from newmark_cli.mechanisms.models import Law, MechanismModel
 from newmark_cli.problems.problem import Problem, Push
 from newmark_cli.support import documents
@@ -105,27 +105,19 @@ class Builder(ABC):
         self.prepare()
         for key in self.parts:
             parts, build = getattr(mechanism, key), getattr(self, f"_{key}")
-            for part, data in {} if self.together(key, parts) else parts.items():
+            for part, data in parts.items():
                 try:
                     build(data, (key, part))
                 except (DocumentError, Follows) as error:
                     self._take_up(error, ALIASES.get(key, key), part)
         self.mistakes.refuse()
         self.weigh()
-        loaded = np.flatnonzero(np.any(self.loads != 0, axis=1))
-        places = self.components * loaded
-        shape = Shape(elements.LOAD, 1, self.components, 0, self.components, 1, 0, 0)
-        of_no_row = np.full(len(loaded), -1)
-        group = Group(shape, np.arange(len(loaded)), of_no_row, places[:, None], self.loads[loaded])
-        self.elements.add_arrays([group])
+        for place in np.flatnonzero(np.any(self.loads != 0, axis=1)).tolist():
+            self.load(self.components * place, self.loads[place])
 
     @abstractmethod
     def prepare(self) -> None:
         """Make what parts need."""
-
-    def together(self, key: str, parts: Mapping[str, Any]) -> bool:
-        """Whether all parts of a key were built at once, because they are many of one kind."""
-        return False
 
     @abstractmethod
     def weigh(self) -> None:
@@ -161,7 +153,6 @@ class Builder(ABC):
             shared: Parts whose reactions depend on which these are.
         """
         kept = np.setdiff1d(np.arange(len(self.rows)), list(released)).tolist()
-        tables = self.elements.tables(sorted(released))
         places, values = self.mass
         return Problem(
             name=self.name,
@@ -169,8 +160,7 @@ class Builder(ABC):
             v0=self.velocities(self.position()),
             t0=0.0,
             constraints=len(kept),
-            **tables.functions(self.mechanism.conservative),
-            pattern=tables.pattern(places),
+            **self.elements.fields(sorted(released), places, self.mechanism.conservative),
             mass_values=values,
             # Laws of time and angles are not carried by increments.
             quadratic=not (self.mechanism.motions or self.turning),
@@ -225,8 +215,10 @@ class Builder(ABC):
         """Both ends of a part; a mistake in one does not hide that in the other."""
         ends = []
         for name, key in ((start, keys[0]), (end, keys[1])):
-            with self.checked():
+            try:  # `checked` would take half of the time of a large mechanism
                 ends.append(find(name, (*path, key)))
+            except (DocumentError, Follows) as error:
+                self._take_up(error)
         if len(ends) < 2:
             raise Follows
         return ends[0], ends[1]
@@ -305,7 +297,7 @@ class Builder(ABC):
         acting = timed if law is None else (laws.Timed(law, parameters),)
         self.elements.add(shape, row, places, [*constants, *parameters, *weights], acting)
 
-    def load(self, place: int, force: Sequence[float], *timed: laws.Timed) -> None:
+    def load(self, place: int, force: Sequence[float] | Array, *timed: laws.Timed) -> None:
         """Add a force on one vector, whose place in u is given."""
         shape = Shape(elements.LOAD, 1, self.components, 0, len(force), 1, 0, 0)
         self.elements.add(shape, -1, [place], force, timed)

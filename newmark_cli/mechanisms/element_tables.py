@@ -7,7 +7,6 @@ import math
 from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +19,8 @@ from newmark_cli.support.arrays import Array, IndexArray
 Term = tuple[Any, ...]
 #: Of elements of one shape, one after the other.
 _Columns = tuple["array[int]", "array[int]", "array[int]", "array[float]"]
+#: The same as arrays, (k,), (k,), (k, terms), and (k, …) constants, parameters and weights.
+_Group = tuple["Shape", IndexArray, IndexArray, IndexArray, Array]
 #: A place in the values of a matrix: term of the row and a coordinate of it, and of the column.
 _Entry = tuple[int, int, int, int]
 
@@ -92,79 +93,15 @@ class Shape(NamedTuple):
         return self._slots + [(behind + i, 0) for i in range(self.single)]
 
 
-class Group(NamedTuple):
-    """Elements of one shape.
-
-    Attributes:
-        shape: Their shape.
-        numbers: (k,) places of the elements among all.
-        rows: (k,) their constraints.
-        places: (k, terms) places in u of their terms.
-        reals: (k, …) constants, parameters and weights.
-    """
-
-    shape: Shape
-    numbers: IndexArray
-    rows: IndexArray
-    places: IndexArray
-    reals: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Tables:
-    """What a problem is made of.
-
-    Attributes:
-        ints, reals: Element tables.
-        x, y, g: (2, entries) places of the values of X, Y and G.
-        timed: Whether laws of time stand behind the elements.
-        kinds: Of all elements.
-    """
-
-    ints: IndexArray
-    reals: Array
-    x: IndexArray
-    y: IndexArray
-    g: IndexArray
-    timed: bool
-    kinds: frozenset[int]
-
-    def functions(self, conservative: bool) -> Mapping[str, Any]:
-        """Fields of a `Problem`: its functions, as far as these elements ask for them."""
-        rare = any(kind >= elements.COUPLE for kind in self.kinds)
-        function = elements.evaluate_all if rare else elements.evaluate
-        derivatives, potential = elements.constraint_derivatives, elements.potential
-        if not self.kinds.isdisjoint(elements.ANGULAR):
-            derivatives = elements.all_constraint_derivatives
-        if self.timed:
-            function, potential = elements.evaluate_timed, elements.timed_potential
-            derivatives = elements.timed_constraint_derivatives
-        return {
-            "function": function,
-            "derivatives": derivatives,
-            "potential": potential if conservative else None,
-            "ints": self.ints,
-            "reals": self.reals,
-        }
-
-    def pattern(self, mass: IndexArray) -> Pattern:
-        """Places of all values; (2, entries) of those of the mass matrix are given."""
-        return Pattern(*mass, *self.x, *self.y, *self.g)
-
-
 class ElementList:
-    """Elements in the order in which they are added, which is that of the tables.
-
-    Attributes:
-        timed: Numbers of elements, and laws of time that act on them.
-    """
+    """Elements in the order in which they are added, which is that of the tables."""
 
     def __init__(self) -> None:
         """Without elements."""
-        self.timed: list[tuple[int, laws.Timed]] = []
+        #: Numbers of elements, and laws of time that act on them.
+        self._timed: list[tuple[int, laws.Timed]] = []
         self._size = 0
-        self._arrays: list[Group] = []
-        #: Numbers, rows, places and reals of elements that are added one by one.
+        #: Numbers of the elements of a shape, their rows, places in u, and reals.
         self._columns: defaultdict[Shape, _Columns] = defaultdict(
             lambda: (array("q"), array("q"), array("q"), array("d"))
         )
@@ -179,48 +116,72 @@ class ElementList:
         rows.append(row)
         all_places.extend(places)
         all_reals.extend(reals)
-        self.timed += [(self._size, law) for law in timed]
+        self._timed += [(self._size, law) for law in timed]
         self._size += 1
-
-    def add_arrays(self, groups: Iterable[Group]) -> None:
-        """Add groups, whose elements are numbered from 0 on among themselves."""
-        groups = [group._replace(numbers=group.numbers + self._size) for group in groups]
-        self._arrays += groups
-        self._size += sum(len(group.numbers) for group in groups)
-
-    def tables(self, released: Sequence[int] = ()) -> "Tables":
-        """The tables without the constraints of these numbers, in their order."""
-        groups = self._arrays + [
-            Group(
-                shape,
-                np.array(numbers, np.int64),
-                np.array(rows, np.int64),
-                np.array(places, np.int64).reshape(len(numbers), -1),
-                np.array(reals, float).reshape(len(numbers), -1),
-            )
-            for shape, (numbers, rows, places, reals) in self._columns.items()
-        ]
-        kept = np.ones(self._size, bool)
-        for group in groups:
-            kept[group.numbers] = ~np.isin(group.rows, released)
-        number = np.cumsum(kept) - 1
-        chosen = []
-        for shape, numbers, rows, places, reals in groups:
-            here = kept[numbers]
-            left = (rows - np.searchsorted(released, rows))[here]
-            chosen.append(Group(shape, number[numbers[here]], left, places[here], reals[here]))
-        return tables(chosen, [(number[i], law) for i, law in self.timed if kept[i]])
 
     @property
     def until(self) -> float:
         """Time (s) up to which all laws say anything."""
-        return min((laws.until(law.law) for _, law in self.timed), default=math.inf)
+        return min((laws.until(law.law) for _, law in self._timed), default=math.inf)
+
+    def fields(
+        self, released: Sequence[int], mass: IndexArray, conservative: bool
+    ) -> Mapping[str, Any]:
+        """Fields of a `Problem`: tables, pattern, and the functions that these elements ask for.
+
+        Args:
+            released: Numbers of constraints that are left out, in their order.
+            mass: (2, entries) places of the mass matrix.
+            conservative: Whether energy is conserved.
+        """
+        groups, timed = self._kept(released)
+        ints, reals, entries = _tables(groups, timed)
+        kinds = {shape.kind for shape, *_ in groups}
+        rare = any(kind >= elements.COUPLE for kind in kinds)
+        function = elements.evaluate_all if rare else elements.evaluate
+        derivatives, potential = elements.constraint_derivatives, elements.potential
+        if not kinds.isdisjoint(elements.ANGULAR):
+            derivatives = elements.all_constraint_derivatives
+        if any(laws.stands_behind(law) for _, law in timed):
+            function, potential = elements.evaluate_timed, elements.timed_potential
+            derivatives = elements.timed_constraint_derivatives
+        return {
+            "function": function,
+            "derivatives": derivatives,
+            "potential": potential if conservative else None,
+            "ints": ints[None],
+            "reals": reals[None],
+            "pattern": Pattern(*mass, *entries),
+        }
+
+    def _kept(self, released: Sequence[int]) -> tuple[list[_Group], list[tuple[int, laws.Timed]]]:
+        """Elements without those of some constraints, and laws, numbered anew."""
+        groups: list[_Group] = []
+        kept = np.ones(self._size, bool)
+        for shape, (numbers, all_rows, places, values) in self._columns.items():
+            of_rows = np.array(all_rows, np.int64)
+            here = ~np.isin(of_rows, released)
+            kept[np.array(numbers)[~here]] = False
+            count = len(numbers)
+            group = (
+                shape,
+                np.array(numbers, np.int64)[here],
+                (of_rows - np.searchsorted(released, of_rows))[here],
+                np.array(places, np.int64).reshape(count, -1)[here],
+                np.array(values, float).reshape(count, -1)[here],
+            )
+            groups.append(group)
+        number = np.cumsum(kept) - 1
+        timed = [(int(number[i]), law) for i, law in self._timed if kept[i]]
+        groups = [(shape, number[of], rows, at, reals) for shape, of, rows, at, reals in groups]
+        return groups, timed
 
 
-def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()) -> Tables:
-    """Both tables and places of the values, of elements, and laws with their numbers."""
-    groups = list(groups)
-    count = sum(len(group.numbers) for group in groups)
+def _tables(
+    groups: Sequence[_Group], timed: Sequence[tuple[int, laws.Timed]]
+) -> tuple[IndexArray, Array, list[IndexArray]]:
+    """Both tables, and rows and columns of the values of X, Y and G."""
+    count = sum(len(numbers) for _, numbers, *_ in groups)
     # Entries of each element in both tables and in X, Y and G.
     sizes = np.zeros((5, count), np.int64)
     entries = []
@@ -257,22 +218,13 @@ def tables(groups: Iterable[Group], timed: Sequence[tuple[int, laws.Timed]] = ()
             term, coordinate = values[2]
             _put(g[0], at[4], places[:, term] + coordinate)
             _put(g[1], at[4], np.repeat(rows[:, None], len(term), axis=1))
-    behind, values_behind = ints.tolist() if timed else [], list[float]()
-    chunks = laws.chunks(
-        [
-            (int(driven_at[i] if law.target is None else parameters_at[i] + law.target), law)
-            for i, law in timed
-        ]
-    )
-    for (kind, *columns), chunk in chunks:
-        begin = begins[1, -1] + len(values_behind)
-        behind += [kind, 3 + len(columns), begin, *columns]
-        values_behind += chunk
-    if values_behind:
-        ints = np.array(behind, np.int64)
-        numbers_of = np.concatenate([numbers_of, values_behind])
-    kinds = frozenset(group.shape.kind for group in groups)
-    return Tables(ints[None], numbers_of[None], x, y, g, bool(values_behind), kinds)
+    if any(laws.stands_behind(law) for _, law in timed):
+        tables = ints.tolist(), numbers_of.tolist()
+        for i, law in timed:
+            place = driven_at[i] if law.target is None else parameters_at[i] + law.target
+            laws.append(*tables, int(place), law)
+        ints, numbers_of = np.array(tables[0], np.int64), np.array(tables[1])
+    return ints, numbers_of, [*x, *y, *g]
 
 
 def _put(to: Array | IndexArray, begins: IndexArray, values: Array | IndexArray) -> None:

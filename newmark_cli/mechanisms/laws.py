@@ -1,7 +1,7 @@
 """Laws of time as rows of element tables: what they say besides their six parameters."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -97,20 +97,19 @@ class Timed(NamedTuple):
     weight: float = 1.0
 
 
-def chunks(laws: Sequence[tuple[int, Timed]]) -> Iterator[tuple[list[int], Sequence[float]]]:
-    """What stands behind all elements, see `timed`: columns after the first three, and numbers.
+def stands_behind(timed: Timed) -> bool:
+    """Whether the six parameters of a driven element do not say it all."""
+    return timed.target is not None or bool(terms(timed.law))
 
-    Nothing where the six parameters of driven elements say it all; otherwise every law.
 
-    Args:
-        laws: Place in ``reals`` of what a law acts on, and the law.
-    """
-    if all(timed.target is None and not terms(timed.law) for _, timed in laws):
-        return
-    for target, timed in laws:
-        further = terms(timed.law)
-        drives = int(timed.target is None)
-        yield [LAW, target, drives, int(bool(further))], [*timed.parameters, timed.weight]
-        for number, term in enumerate(further, 1):
-            another = int(number < len(further))
-            yield [LAW_TERM, term.what, term.size, int(term.repeats), another], term.numbers
+def append(ints: list[int], reals: list[float], target: int, timed: Timed) -> None:
+    """Append a law to both tables, see `timed`; target is the place of what it acts on."""
+    further = terms(timed.law)
+
+    def one(kind: int, columns: Sequence[int], numbers: Sequence[float]) -> None:
+        ints.extend([kind, 3 + len(columns), len(reals), *columns])
+        reals.extend(numbers)
+
+    one(LAW, [target, timed.target is None, bool(further)], [*timed.parameters, timed.weight])
+    for left, term in zip(reversed(range(len(further))), further, strict=True):
+        one(LAW_TERM, [term.what, term.size, term.repeats, left > 0], term.numbers)

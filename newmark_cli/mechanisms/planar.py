@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, elements, laws
-from newmark_cli.mechanisms.builder import MISFIT, Follows, Row, Sum
-from newmark_cli.mechanisms.element_tables import Group, Shape, Term
+from newmark_cli.mechanisms import builder, laws
+from newmark_cli.mechanisms.builder import MISFIT, Follows, Sum
+from newmark_cli.mechanisms.element_tables import Term
 from newmark_cli.mechanisms.models import (
     GROUND,
     AngleJoint,
@@ -87,39 +87,6 @@ class PlanarBuilder(builder.Builder):
         self.start_angles: list[tuple[float, float]] = []
         if not self.broken and not any(point.at or not point.fixed for point in points.values()):
             self.mistakes.note(self.document.error(("points",), "no point moves"))
-
-    def together(self, key: str, parts: Mapping[str, Any]) -> bool:
-        """Build bodies and bars at once if all join points that are where they should be."""
-        if key not in ("bodies", "bars") or not parts:
-            return False
-        names = (*self.moving, *self.fixed)
-        number = {name: k for k, name in enumerate(names) if name != UNIT}
-        joined = [[number.get(part.from_, -1), number.get(part.to, -1)] for part in parts.values()]
-        starts, ends = np.array(joined).T
-        move = np.stack([starts, ends]) < len(self.moving)
-        if np.any((starts < 0) | (ends < 0) | (starts == ends) | ~move.any(axis=0)):
-            return False
-        x, y = self.position()[: 2 * len(self.moving)].reshape(-1, 2).T
-        at = np.append(x + 1j * y, [*self.fixed.values()])
-        lengths = np.array([part.length for part in parts.values()])
-        misfits = np.abs(np.abs(at[ends] - at[starts]) - lengths)
-        if not (self.mechanism.assemble or np.all(misfits <= MISFIT * lengths)):
-            return False
-        first, squares = len(self.rows), lengths * lengths
-        self.rows += [Row((key, part), f"{key}.{part}") for part in parts]
-        self.squares.update(enumerate(squares.tolist(), first))
-        fixed = np.where(move, 0.0, np.stack([0.0 - at[starts], at[ends]])).sum(axis=0)
-        constants = 0.0 + np.stack([fixed.real, fixed.imag, squares], axis=1)
-        groups = []
-        for moving in ([True, True], [True, False], [False, True]):
-            here = np.flatnonzero((move[0] == moving[0]) & (move[1] == moving[1]))
-            places = 2 * np.stack([starts, ends])[moving][:, here].T
-            weights = np.tile(np.array([-1.0, 1.0])[moving], (len(here), 1))
-            shape = Shape(elements.SQUARE, 1, 2, 2, 1, sum(moving), 0, 0)
-            reals = np.hstack([constants[here], weights])
-            groups.append(Group(shape, here, first + here, places, reals))
-        self.elements.add_arrays(groups)
-        return True
 
     def weigh(self) -> None:
         """Mass matrix, and gravity on it."""

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, elements, laws
+from newmark_cli.mechanisms import builder, laws
 from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
-from newmark_cli.mechanisms.element_tables import Group, Shape, Term
+from newmark_cli.mechanisms.element_tables import Term
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import GROUND, Law, amounts_of, laws_of
 from newmark_cli.mechanisms.spatial_model import (
@@ -43,7 +43,6 @@ _ASKEW = 1e-9
 
 #: What keeps a body rigid: products of these directors.
 DIRECTORS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-INTERNAL = tuple(f"d{i + 1}·d{j + 1}" for i, j in DIRECTORS)
 
 
 #: Least size of a direction's part, relative to the largest, that words mention.
@@ -77,17 +76,6 @@ class SpatialBuilder(builder.Builder):
         self.size = max(1.0, float(np.abs(self.start[:, 0]).max()))
         self.inertia = inertias(self.mechanism)
         self.loads = (0.0 + self.inertia[:, 0, :, None] * self.mechanism.gravity).reshape(-1, 3)
-        each = np.arange(len(bodies))
-        rows, first = len(DIRECTORS) * each, PER_BODY * each[:, None] + 3
-        groups = []
-        for k, (i, j) in enumerate(DIRECTORS):
-            # A square has three constants, its value and a weight, a product twice three and two.
-            square = Shape(elements.SQUARE, 1, 3, 3, 1, 1, 0, 0), [i], [0, 0, 0, 1, 1]
-            dot = Shape(elements.PRODUCT, 1, 3, 6, 0, 1, 1, 0), [i, j], [*[0] * 6, 1, 1]
-            shape, terms, reals = square if i == j else dot
-            places = first + 3 * np.array(terms)
-            groups.append(Group(shape, rows + k, rows + k, places, np.tile(reals, (len(each), 1))))
-        self.elements.add_arrays(groups)
 
     # -- what it is asked for ------------------------------------------------------------------
 
@@ -148,7 +136,15 @@ class SpatialBuilder(builder.Builder):
         if path[1] == GROUND:
             message = "'ground' is what bodies stand on; give this body another name"
             raise self.document.error(path, message)
-        self.rows += [Row(path, "", text) for text in INTERNAL]
+        first = PER_BODY * self.numbers[str(path[1])] + 3
+        sums = [Sum((0.0,) * 3, [(first + 3 * i, 1.0)]) for i in range(3)]
+        for i, j in DIRECTORS:
+            row = len(self.rows)
+            self.rows.append(Row(path, "", f"d{i + 1}·d{j + 1}"))
+            if i == j:
+                self.add("SQUARE", sums[i], row=row, parameters=(1.0,))
+            else:
+                self.add("PRODUCT", sums[i], sums[j], row=row)
 
     # -- references ----------------------------------------------------------------------------
 
