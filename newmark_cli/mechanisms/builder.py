@@ -232,10 +232,11 @@ class Builder(ABC):
 
     def require_length(self, what: str, misfit: float, length: float, path: KeyPath) -> None:
         """Raise DocumentError where two points start at another distance than their length."""
-        # In so many digits that the misfit shows.
-        digits = 12 if abs(misfit) > 1e-9 * length else 16
-        distances = f"{length + misfit:.{digits}g} m apart, given length {length:.16g}"
-        self.require(misfit, MISFIT * length, path, f"{what} start {distances}")
+        if abs(misfit) > MISFIT * length:
+            # In so many digits that the misfit shows.
+            digits = 12 if abs(misfit) > 1e-9 * length else 16
+            distances = f"{length + misfit:.{digits}g} m apart, given length {length:.16g}"
+            self.require(misfit, 0.0, path, f"{what} start {distances}")
 
     # -- rows and elements ---------------------------------------------------------------------
 

@@ -8,8 +8,8 @@ import math
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property
 from itertools import accumulate, pairwise
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -49,7 +49,7 @@ class Family:
         """Names of the parameters."""
         return tuple(self.sizes)
 
-    @property
+    @cached_property
     def size(self) -> type[StrictModel]:
         """What a config may say of them."""
         number = Annotated[int, Strict(), Field(ge=1, le=self.most), WHOLE]
@@ -58,21 +58,10 @@ class Family:
 
     def problem(self, name: str, sizes: Mapping[str, int]) -> Problem:
         """The member of these sizes, under this name."""
-        from newmark_cli.mechanisms import loading, models
+        from newmark_cli.mechanisms import loading
 
         with _uncollected():
-            data = self.mechanism(**sizes)
-            if loading.is_spatial(data):
-                return loading.made(name, data)
-            problem = loading.made(name, data, models.trusted(data))
-        # What figures are drawn from is made on demand: a mechanism may have a million parts.
-        return replace(problem, drawing_given=partial(self.drawing, sizes))
-
-    def drawing(self, sizes: Mapping[str, int]) -> Any:
-        """The `models.Mechanism` of these sizes, part by part."""
-        from newmark_cli.mechanisms.models import Mechanism
-
-        return Mechanism.model_validate(self.mechanism(**sizes))
+            return loading.made(name, self.mechanism(**sizes))
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,60 +18,34 @@ WEIGHT = 6
 POWERS, SINE, SPLINE = range(3)
 
 
-class Term(NamedTuple):
-    """A term of a law of time.
-
-    Attributes:
-        what: `POWERS`, `SINE` or `SPLINE`.
-        size: Coefficients of a polynomial, or intervals of a spline.
-        repeats: Whether a spline repeats itself.
-        numbers: See `timed`.
-    """
-
-    what: int
-    size: int
-    repeats: bool
-    numbers: list[float]
-
-
-def terms(law: Law) -> list[Term]:
-    """The terms of a law besides its six parameters."""
-    further = []
+def terms(law: Law) -> list[tuple[list[int], list[float]]]:
+    """Terms besides the six parameters: which, how many of what, whether it repeats; numbers."""
+    further: list[tuple[list[int], list[float]]] = []
     if law.powers:
-        further.append(Term(POWERS, len(law.powers), False, list(law.powers)))
+        further.append(([POWERS, len(law.powers), False], list(law.powers)))
     further += [
-        Term(SINE, 1, False, [sine.amplitude, sine.frequency, sine.phase]) for sine in law.sines
+        ([SINE, 1, False], [sine.amplitude, sine.frequency, sine.phase]) for sine in law.sines
     ]
     if law.table is not None:
-        times, intervals = law.table.times, _intervals(law.table)
-        numbers = [times[0], times[-1], *(number for row in intervals for number in row)]
-        further.append(Term(SPLINE, len(intervals), law.table.ends == "periodic", numbers))
+        spline = _spline(law.table)
+        # Beginning of each interval, and coefficients of (t − beginning)³, …, 1 in it.
+        intervals = np.column_stack([spline.x[:-1], spline.c.T])
+        numbers = [law.table.times[0], law.table.times[-1], *intervals.ravel().tolist()]
+        further.append(([SPLINE, len(intervals), law.table.ends == "periodic"], numbers))
     return further
 
 
-def _intervals(table: Table) -> list[list[float]]:
-    """Beginning of each interval, and coefficients of (t − beginning)³, …, 1 in it."""
+def _spline(table: Table) -> Any:
     from scipy.interpolate import CubicSpline
 
-    spline = CubicSpline(np.array(table.times), np.array(table.values), bc_type=table.ends)
-    rows: list[list[float]] = np.column_stack([spline.x[:-1], spline.c.T]).tolist()
-    return rows
+    return CubicSpline(np.array(table.times), np.array(table.values), bc_type=table.ends)
 
 
 def begin(law: Law, value: float) -> float:
     """The law with this constant term at t = 0."""
-    start = value + law.amplitude * math.sin(law.phase)
-    for term in terms(law):
-        first = term.numbers
-        if term.what == POWERS:
-            start += first[0]
-        elif term.what == SINE:
-            start += first[0] * math.sin(first[2])
-        else:
-            begins = [k for k in range(2, len(first), 5) if first[k] <= 0][-1]
-            x, a, b, c, d = first[begins : begins + 5]
-            start += ((a * -x + b) * -x + c) * -x + d
-    return start
+    start = value + law.amplitude * math.sin(law.phase) + sum(law.powers[:1])
+    start += sum(sine.amplitude * math.sin(sine.phase) for sine in law.sines)
+    return start if law.table is None else start + float(_spline(law.table)(0.0))
 
 
 def until(law: Law) -> float:
@@ -111,5 +85,5 @@ def append(ints: list[int], reals: list[float], target: int, timed: Timed) -> No
         reals.extend(numbers)
 
     one(LAW, [target, timed.target is None, bool(further)], [*timed.parameters, timed.weight])
-    for left, term in zip(reversed(range(len(further))), further, strict=True):
-        one(LAW_TERM, [term.what, term.size, term.repeats, left > 0], term.numbers)
+    for k, (columns, numbers) in enumerate(further, 1):
+        one(LAW_TERM, [*columns, k < len(further)], numbers)

@@ -141,15 +141,10 @@ def _builder(data: Any) -> "type[Builder]":
     return planar.PlanarBuilder
 
 
-def made(name: str, data: dict[str, Any], mechanism: Any = None) -> Problem:
-    """Problem from data that are known to be those of a mechanism, whose start is consistent.
-
-    The model of the data may be given, as `models.trusted` makes it.
-    """
+def made(name: str, data: dict[str, Any]) -> Problem:
+    """Problem from data that are known to be those of a mechanism, whose start is consistent."""
     kind = _builder(data)
-    if mechanism is None:
-        mechanism = kind.model.model_validate(data)
-    return kind(name, Document(name, {}, {}), mechanism).problem()
+    return kind(name, Document(name, {}, {}), kind.model.model_validate(data)).problem()
 
 
 def is_mechanism(data: Any) -> bool:

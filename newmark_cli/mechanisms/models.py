@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from types import MappingProxyType, SimpleNamespace
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -21,7 +21,7 @@ from pydantic import (
 )
 
 from newmark_cli.support import documents
-from newmark_cli.support.documents import Number, StrictModel, Truth, misfit
+from newmark_cli.support.documents import KeyPath, Number, StrictModel, Truth, misfit
 
 #: Products and squares of a few numbers of this size, and of their inverses, are numbers.
 _LARGEST, _SMALLEST = 1e30, 1e-30
@@ -505,18 +505,13 @@ class Mechanism(MechanismModel):
     python_forces: dict[str, PythonForce] = Field({}, description="forces that code computes")
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
 
+    @property
+    def guessed(self) -> dict[KeyPath, Vector]:
+        """Key → place of what `assemble` moves (m)."""
+        points = self.points.items()
+        return {("points", name, "at"): of.at for name, of in points if of.at is not None}
 
-def trusted(data: Mapping[str, Any]) -> Mechanism:
-    """A planar mechanism from data that are known to be right, without a look at each part.
-
-    Its points, bodies and bars only have the attributes of the models: to make a hundred
-    thousand of these takes longer than all else.
-    """
-    parts: dict[str, Any] = {}
-    for key, model in (("points", Point), ("bodies", Body), ("bars", Bar)):
-        defaults = {name: field.default for name, field in model.model_fields.items()}
-        parts[key] = {
-            name: SimpleNamespace(**{**defaults, **part, "from_": part.get("from")})
-            for name, part in data.get(key, {}).items()
-        }
-    return Mechanism.model_construct(**{**data, **parts})
+    @property
+    def grounded(self) -> list[Vector]:
+        """Places on the ground (m)."""
+        return [point.fixed for point in self.points.values() if point.fixed is not None]

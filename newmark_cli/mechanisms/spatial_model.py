@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, Tag, model_validator
 
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
+    GROUND,
     LISTED,
     MAPPED,
     PLAIN,
@@ -31,7 +32,7 @@ from newmark_cli.mechanisms.models import (
 )
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.documents import Number, StrictModel, misfit
+from newmark_cli.support.documents import KeyPath, Number, StrictModel, misfit
 
 #: Largest cosine of directions that are to be perpendicular: those of few digits are made so.
 _SKEW = 1e-3
@@ -383,3 +384,17 @@ class SpatialMechanism(MechanismModel):
         description="constraints that depend on each other: refuse them, drop what is redundant, "
         "or release rows by joint, such as {P5: [q]}",
     )
+
+    @property
+    def guessed(self) -> dict[KeyPath, Vector]:
+        """Key → place of what `assemble` moves (m)."""
+        return {("bodies", name, "position"): of.position for name, of in self.bodies.items()}
+
+    @property
+    def grounded(self) -> list[Vector]:
+        """Places on the ground (m)."""
+        return [
+            joint.at[GROUND] if isinstance(joint.at, dict) else joint.at
+            for joint in self.joints.values()
+            if GROUND in (joint.from_, joint.to)
+        ]
