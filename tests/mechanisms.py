@@ -71,8 +71,6 @@ def complex_terms(problem, t, u, v, multipliers):
     pattern, ints, reals = problem.pattern, problem.ints, problem.reals
     sizes = map(len, (pattern.x_rows, pattern.y_rows, pattern.g_rows))
     force, phi = np.zeros(problem.n, complex), np.zeros(problem.m, complex)
-    if problem.function is elements.evaluate_timed:
-        reals, t = timed.at_time(t, ints, reals), 0.0
     given = (
         t, u.astype(complex), v.astype(complex), multipliers, ints, reals, force, phi,
         *(np.zeros(size, complex) for size in sizes),

@@ -106,7 +106,7 @@ import numpy as np
 from newmark_cli.mechanisms import laws, timed
 
 ints = np.array([[laws.LAW, 7, 1, 0, 0, 0, 0]])
-print(timed.at_time(0.0, ints, np.array([[0, 0, 0, 0, 1, 0, 0.5, 1]]))[0, 0])
+print(timed.at_time(0.0, ints, np.array([[0, 0, 0, 0, 1, 0, 0.5, 1]]))[1][0, 0])
 """
 
 

@@ -137,18 +137,14 @@ class ElementList:
         groups, timed = self._kept(released)
         ints, reals, entries = _tables(groups, timed)
         kinds = {shape.kind for shape, *_ in groups}
-        rare = any(kind >= elements.COUPLE for kind in kinds)
-        function = elements.evaluate_all if rare else elements.evaluate
-        derivatives, potential = elements.constraint_derivatives, elements.potential
-        if not kinds.isdisjoint(elements.ANGULAR):
-            derivatives = elements.all_constraint_derivatives
-        if any(laws.stands_behind(law) for _, law in timed):
-            function, potential = elements.evaluate_timed, elements.timed_potential
-            derivatives = elements.timed_constraint_derivatives
+        behind = any(laws.stands_behind(law) for _, law in timed)
+        rare = behind or any(kind >= elements.COUPLE for kind in kinds)
+        angular = behind or not kinds.isdisjoint(elements.ANGULAR)
+        common = elements.constraint_derivatives
         return {
-            "function": function,
-            "derivatives": derivatives,
-            "potential": potential if conservative else None,
+            "function": elements.evaluate_all if rare else elements.evaluate,
+            "derivatives": elements.all_constraint_derivatives if angular else common,
+            "potential": elements.potential if conservative else None,
             "ints": ints[None],
             "reals": reals[None],
             "pattern": Pattern(*mass, *entries),

@@ -39,8 +39,7 @@ HINGE     torque, stiffness, angle of rest and damping about the axis of a joint
           is φ = atan2(Σ q t, Σ p t), within ±π
 ========  ===================================================================
 
-Laws of time may stand behind all elements, see `timed`.  The functions ``…_timed`` put values
-of laws into a copy of the table.
+Laws of time may stand behind all elements, see `timed`.
 """
 
 from typing import Any
@@ -375,11 +374,8 @@ def _along(vector, ints, reals, e, columns):
 def _couple(u, multipliers, ints, reals, e, results):
     """The angle of a vector as a coordinate."""
     force, phi, x_values, g_values = results
-    x, g, entries = (
-        ints[0, e + X_START],
-        ints[0, e + G_START],
-        ints[0, e + AXES] * ints[0, e + SECOND],
-    )
+    x, g = ints[0, e + X_START], ints[0, e + G_START]
+    entries = ints[0, e + AXES] * ints[0, e + SECOND]
     place, row = ints[0, e + PLACES + ints[0, e + SECOND]], ints[0, e + ROW]
     sine, cosine = sine_cosine(u[place], u.dtype.type)
     further = (_TURNED, -sine, cosine)
@@ -527,16 +523,10 @@ def _accumulate_further(
 
 @_compile_allocating
 def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """The same as `evaluate`, of all kinds of elements."""
+    """The same as `evaluate`, of all kinds of elements, and of laws of time behind them."""
+    t, reals = at_time(t, ints, reals)
     evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
     _accumulate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-
-
-@_compile_allocating
-def evaluate_timed(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """The same as `evaluate_all`, of a table with laws behind its elements."""
-    now, frozen = reals.dtype.type(0), at_time(t, ints, reals)
-    evaluate_all(now, u, v, multipliers, ints, frozen, force, phi, x_values, y_values, g_values)
 
 
 @_compile
@@ -617,7 +607,8 @@ def _turn(u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rates, 
 def all_constraint_derivatives(
     t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
 ):
-    """The same of all kinds of elements."""
+    """The same of all kinds of elements, and of laws of time behind them."""
+    t, reals = at_time(t, ints, reals)
     constraint_derivatives(
         t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
     )
@@ -641,17 +632,6 @@ def all_constraint_derivatives(
 
 
 @_compile_allocating
-def timed_constraint_derivatives(
-    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-):
-    """The same of a table with laws behind its elements."""
-    now, frozen = reals.dtype.type(0), at_time(t, ints, reals)
-    all_constraint_derivatives(
-        now, u, v, w, ints, frozen, rate, curvature, rate_values, acceleration_values
-    )
-
-
-@_compile_allocating
 def potential(t, u, v, ints, reals):
     """Potential energy of springs, torsion springs and loads (J): ½ k (|L| − l)², −F·P.
 
@@ -660,14 +640,11 @@ def potential(t, u, v, ints, reals):
         u, v: (n,) coordinates and velocities; v is not used.
         ints, reals: Element tables, see the module.
     """
+    t, reals = at_time(t, ints, reals)
     energy, e = 0.0, np.int64(0)
     while e < ints.shape[1]:
-        kind, p, at, weight = (
-            ints[0, e + KIND],
-            ints[0, e + PARAMETERS],
-            e + PLACES,
-            ints[0, e + WEIGHTS],
-        )
+        kind, p, at = ints[0, e + KIND], ints[0, e + PARAMETERS], e + PLACES
+        weight = ints[0, e + WEIGHTS]
         if kind == LOAD:
             work = 0.0
             for c in range(ints[0, e + AXES]):
@@ -695,9 +672,3 @@ def potential(t, u, v, ints, reals):
             energy += reals[0, p + 1] * wound * wound / 2
         e += ints[0, e + SIZE]
     return energy
-
-
-@_compile_allocating
-def timed_potential(t, u, v, ints, reals):
-    """The same as `potential`, of a table with laws behind its elements."""
-    return potential(reals.dtype.type(0), u, v, ints, at_time(t, ints, reals))

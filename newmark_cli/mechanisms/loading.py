@@ -53,28 +53,7 @@ def built(name: str, document: Document, folder: Path | None = None) -> Problem:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
-    if isinstance(document.data, dict):
-        if not is_mechanism(document.data) and not document.data.keys().isdisjoint(_OF_STUDIES):
-            raise document.error((), "is a study, not a mechanism; give the study's problem")
-        dimensions = document.data.get("dimensions", 2)
-        if isinstance(dimensions, bool) or dimensions not in (2, 3):
-            raise document.error(("dimensions",), f"must be 2 or 3, given {dimensions!r:.40}")
-    from newmark_cli.mechanisms import guess
-
-    problem = _built(name, document, folder)
-    return replace(problem, doubts=guess.doubts(problem, document))
-
-
-def _built(name: str, document: Document, folder: Path | None) -> Problem:
-    if isinstance(document.data, dict) and "dimensions" not in document.data:
-        message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
-        for key in _SPATIAL:
-            if key in document.data:
-                raise document.error((key,), message)
-        bodies = document.data.get("bodies")
-        for key, body in bodies.items() if isinstance(bodies, dict) else ():
-            if isinstance(body, dict) and "position" in body:
-                raise document.error(("bodies", key, "position"), message)
+    _require_mechanism(document)
     kind = _builder(document.data)
     try:
         mechanism = documents.validate(document, kind.model)
@@ -85,7 +64,7 @@ def _built(name: str, document: Document, folder: Path | None) -> Problem:
             _check_rest(kind, name, document, error)
         mistakes.refuse()
         raise
-    from newmark_cli.mechanisms import start
+    from newmark_cli.mechanisms import guess, start
 
     builder = kind(name, document, mechanism)
     for path, push in builder.pushes.items():
@@ -98,7 +77,31 @@ def _built(name: str, document: Document, folder: Path | None) -> Problem:
 
         pushes, beside = tuple(builder.pushes.values()), os.path.dirname(document.name)
         problem = python_problem.pushed(problem, pushes, folder, beside)
-    return problem
+    return replace(problem, doubts=guess.doubts(problem, document))
+
+
+def _require_mechanism(document: Document) -> None:
+    """Refuse a study, other dimensions, and what only mechanisms in space have in the plane."""
+    data = document.data
+    if not isinstance(data, dict):
+        return
+    if not is_mechanism(data) and not data.keys().isdisjoint(_OF_STUDIES):
+        raise document.error((), "is a study, not a mechanism; give the study's problem")
+    dimensions = data.get("dimensions", 2)
+    if isinstance(dimensions, bool) or dimensions not in (2, 3):
+        raise document.error(("dimensions",), f"must be 2 or 3, given {dimensions!r:.40}")
+    if "dimensions" not in data:
+        bodies = data.get("bodies")
+        bodies = bodies.items() if isinstance(bodies, dict) else ()
+        paths: list[KeyPath] = [(key,) for key in _SPATIAL if key in data]
+        paths += [
+            ("bodies", key, "position")
+            for key, body in bodies
+            if isinstance(body, dict) and "position" in body
+        ]
+        if paths:
+            message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
+            raise document.error(paths[0], message)
 
 
 def _check_rest(kind: "type[Builder]", name: str, document: Document, error: DocumentError) -> None:

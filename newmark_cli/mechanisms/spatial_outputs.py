@@ -7,7 +7,7 @@ With f the force of a joint's constraints on the coordinates of a body, f = Σ �
 Neither depends on how constraints are scaled, nor on the directions p and q of a joint.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,9 +16,7 @@ import numpy as np
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array, IndexArray
-
-_AXES = "xyz"
+from newmark_cli.support.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,38 +88,27 @@ class SpatialOutputs:
     shared: frozenset[str] = frozenset()
 
     @cached_property
-    def not_unique(self) -> tuple[str, ...]:
-        """Names of the outputs that depend on which redundant constraints were dropped."""
-        parts = (name.rsplit(".", 2) for name in self.names)
-        return tuple(
-            ".".join(part)
-            for part in parts
-            if len(part) == 3 and part[0] in self.shared and part[1] in ("force", "moment")
-        )
-
-    @cached_property
     def names(self) -> tuple[str, ...]:
         """All different."""
-        return tuple(self._named())
-
-    def _named(self) -> Iterator[str]:
-        for body in self.bodies:
-            yield from (f"{body}.omega.{axis}" for axis in _AXES)
-        for name, joint in self.joints.items():
-            kind = JOINTS[joint.kind]
-            if kind.turns:
-                yield f"{name}.angle"
-            if kind.slides:
-                yield f"{name}.distance"
-            yield from (f"{name}.force.{axis}" for axis in _AXES)
-            if kind.dots:
-                yield from (f"{name}.moment.{axis}" for axis in _AXES)
+        return tuple(map(".".join, self._named))
 
     @cached_property
-    def _owner(self) -> IndexArray:
-        """(m,) index of the joint of each constraint; one past the last for others."""
-        numbers = {name: i for i, name in enumerate(self.joints)}
-        return np.array([numbers.get(joint, len(numbers)) for joint in self.rows], np.int64)
+    def not_unique(self) -> tuple[str, ...]:
+        """Names of the outputs that depend on which redundant constraints were dropped."""
+        reactions = [parts for parts in self._named if parts[1] in ("force", "moment")]
+        return tuple(".".join(parts) for parts in reactions if parts[0] in self.shared)
+
+    @cached_property
+    def _named(self) -> list[tuple[str, ...]]:
+        """Body or joint, quantity, and axis of a vector."""
+        found: list[tuple[str, ...]]
+        found = [(body, "omega", axis) for body in self.bodies for axis in "xyz"]
+        for name, joint in self.joints.items():
+            kind = JOINTS[joint.kind]
+            found += [(name, "angle")] * kind.turns + [(name, "distance")] * kind.slides
+            vectors = ["force"] + ["moment"] * bool(kind.dots)
+            found += [(name, vector, axis) for vector in vectors for axis in "xyz"]
+        return found
 
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
@@ -152,7 +139,9 @@ class SpatialOutputs:
         pattern = problem.pattern
         gradient = problem.values(t, u, np.zeros(problem.n), np.zeros(problem.m)).g
         pushes = gradient * multipliers[pattern.g_columns]
-        owner = self._owner[pattern.g_columns]
+        numbers = {name: i for i, name in enumerate(self.joints)}
+        owners = np.array([numbers.get(joint, len(numbers)) for joint in self.rows], np.int64)
+        owner = owners[pattern.g_columns]  # one past the last for rows of no joint
         sides = np.array(
             [[side.body for side in joint.sides] for joint in self.joints.values()] + [[-1, -1]]
         )

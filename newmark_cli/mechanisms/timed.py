@@ -118,30 +118,34 @@ def _whole_law(t, ints, reals, e, derivative):
 
 @cached_njit(nogil=True, error_model="numpy")
 def at_time(t, ints, reals):
-    """(1, …) numbers of a table up to its laws.
+    """A time and numbers (1, …) up to the laws of a table: its elements are at t as these then.
 
-    Elements with these are at t = 0 what those of the table are at t.
+    Without laws both are the given ones.
 
     Args:
         t: Time (s).
         ints, reals: Tables with laws.
     """
     last = 0
-    while ints[0, last] != LAW:
+    while last < ints.shape[1] and ints[0, last] != LAW:
         last += ints[0, last + 1]
+    if last == ints.shape[1]:
+        return t, reals
     frozen = np.empty((1, ints[0, last + 2]), reals.dtype)
     for k in range(frozen.shape[1]):
         frozen[0, k] = reals[0, k]
     e = last
     while e < ints.shape[1]:
         if ints[0, e] == LAW:
-            target = ints[0, e + TARGET]
-            if ints[0, e + DRIVES] != 0:
-                for k in range(3):
-                    frozen[0, target + k] = _whole_law(t, ints, reals, e, k)
+            target, drives = ints[0, e + TARGET], ints[0, e + DRIVES] != 0
+            weight = reals[0, ints[0, e + 2] + WEIGHT]
+            for k in range(3 if drives else 1):
+                value = _whole_law(t, ints, reals, e, k)
+                if drives:
+                    frozen[0, target + k] = value
+                else:
+                    frozen[0, target] += weight * value
+            if drives:
                 frozen[0, target + 3] = 0
-            else:
-                weight = reals[0, ints[0, e + 2] + WEIGHT]
-                frozen[0, target] += weight * _whole_law(t, ints, reals, e, 0)
         e += ints[0, e + 1]
-    return frozen
+    return reals.dtype.type(0), frozen
