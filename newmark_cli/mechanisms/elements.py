@@ -58,7 +58,7 @@ _part, _part_allocating = part_njit(**_OPTIONS, _nrt=False), part_njit(**_OPTION
 #: Handing on arrays costs time in each call: parts that LLVM inlines.
 _inline = part_njit(**_OPTIONS, _nrt=False, forceinline=True)
 
-#: Kinds; those from `COUPLE` on are left to `_accumulate_further`.
+#: Kinds; those from `COUPLE` on are left to `evaluate_all`.
 (
     LOAD, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT, FOLLOWER,
     HINGE,
@@ -497,11 +497,11 @@ def _hinge(u, v, ints, reals, e, force, x_values, y_values):
         x, y = x + size, y + size
 
 
-@_part_allocating
-def _accumulate_further(
-    t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
-):
-    """What `evaluate` leaves out: elements that few mechanisms have."""
+@_compile_allocating
+def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
+    """The same as `evaluate`, of all kinds of elements, and of laws of time behind them."""
+    t, reals = at_time(t, ints, reals)
+    evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
     e = np.int64(0)
     while e < ints.shape[1]:
         kind = ints[0, e + KIND]
@@ -519,14 +519,6 @@ def _accumulate_further(
         elif kind == HINGE:
             _hinge(u, v, ints, reals, e, force, x_values, y_values)
         e += ints[0, e + SIZE]
-
-
-@_compile_allocating
-def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """The same as `evaluate`, of all kinds of elements, and of laws of time behind them."""
-    t, reals = at_time(t, ints, reals)
-    evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
-    _accumulate_further(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
 
 
 @_compile

@@ -92,24 +92,18 @@ def deferred() -> Iterator[Callable[..., None]]:
     waiting: list[FrameType | None] = []
     within = False
 
-    def settle() -> None:
-        nonlocal within
-        within = False
-        if waiting:
-            frame = waiting[0]
-            waiting.clear()
-            answer(signal.SIGINT, frame)
-
     def arrive(number: int, frame: FrameType | None) -> None:
-        waiting.append(frame)
         if within:
-            settle()
+            answer(number, frame)
+        else:
+            waiting.append(frame)
 
     def call(function: Callable[..., None], *arguments: object) -> None:
         nonlocal within
-        settle()
         within = True
         try:
+            if waiting:
+                answer(signal.SIGINT, waiting.pop())
             function(*arguments)
         finally:
             within = False
@@ -119,7 +113,8 @@ def deferred() -> Iterator[Callable[..., None]]:
         yield call
     finally:
         signal.signal(signal.SIGINT, answer)
-        settle()
+        if waiting:
+            answer(signal.SIGINT, waiting[0])
 
 
 @contextlib.contextmanager
