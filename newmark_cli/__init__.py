@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from typing import Any
 
     from newmark_cli.advice.advising import Advice, advise
-    from newmark_cli.advice.dae import DaeAdvice, advise_dae
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.external.judging import Judged, judge
@@ -41,7 +40,6 @@ _HOMES = {
     "Advice": "advice.advising",
     "ArgumentError": "support.errors",
     "Dae": "problems.residual_form",
-    "DaeAdvice": "advice.dae",
     "Definition": "problems.python_problem",
     "DocumentError": "support.documents",
     "Factors": "library.scalings",
@@ -61,7 +59,6 @@ _HOMES = {
     "Steps": "library.marching",
     "Trajectory": "newmark.trajectory",
     "advise": "advice.advising",
-    "advise_dae": "advice.dae",
     "advise_jacobian": "advice.jacobians",
     "dae": "library.problems",
     "floor": "advice.floors",
@@ -81,7 +78,6 @@ __all__ = [
     "Advice",
     "ArgumentError",
     "Dae",
-    "DaeAdvice",
     "Definition",
     "DocumentError",
     "Factors",
@@ -102,7 +98,6 @@ __all__ = [
     "Trajectory",
     "__version__",
     "advise",
-    "advise_dae",
     "advise_jacobian",
     "dae",
     "floor",
@@ -121,7 +116,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from newmark_cli.support.retired import RETIRED
+
+        gone = f"; it is gone: {RETIRED[name][1]}" if name in RETIRED else ""
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{gone}")
     from importlib import import_module
 
     found = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -20,7 +20,6 @@ from newmark_cli.support.errors import ArgumentError, InputError
 
 if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice
-    from newmark_cli.advice.dae import DaeAdvice
     from newmark_cli.advice.jacobians import JacobianAdvice
     from newmark_cli.study.axes import Cell
 
@@ -123,17 +122,6 @@ def _tolerances(
     metavar="T",
     help="Length of the motion to look at (s); by default, until it has moved by its size.",
 )
-@click.option(
-    "--code",
-    type=click.Choice(["ida", "radau", "bdf"]),
-    help="Instead of --h: advice for IDA of scikit-sundae, or Radau or BDF of solve_dae.",
-)
-@click.option(
-    "--accuracy",
-    type=float,
-    metavar="TOL",
-    help="Of local errors, relative to the motion, for --code; 1e-6 by default.",
-)
 @json_option
 @allow_code_option
 def advise(
@@ -152,8 +140,6 @@ def advise(
     'chain(links=20)', a Python problem such as mine.py:factory, or a study.  Nothing
     needs to be run first: the command computes condition numbers and predicts
     rounding floors at a few states of the motion, or from matrices of another code.
-    For codes that choose their steps and solve DAEs, --code says which equations,
-    tolerances and lines they need.
 
     \b
     Example:
@@ -162,10 +148,8 @@ def advise(
     if [subject is None, matrices is None, not jacobians].count(False) != 1:
         raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
     options = {name: value for name, value in options.items() if value is not None}
-    advice: list[Advice] | list[JacobianAdvice] | list[DaeAdvice]
-    if "code" in options or "accuracy" in options:
-        advice = [_of_code(subject, steps, options, allow_code)]
-    elif jacobians:
+    advice: list[Advice] | list[JacobianAdvice]
+    if jacobians:
         advice = [_of_jacobians(jacobians, blocks, steps, options)]
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
@@ -208,23 +192,6 @@ def _of_jacobians(
     return advise_jacobian([*files], blocks=blocks, h=[*steps] or None, **options)
 
 
-def _of_code(
-    subject: str | None, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
-) -> "DaeAdvice":
-    from newmark_cli.study import config
-
-    unfit = {*options, *["h"] * bool(steps)} - {"code", "accuracy", "t_end"}
-    if "code" not in options:
-        raise click.UsageError("--accuracy needs --code")
-    for name in sorted(unfit):
-        raise click.UsageError(f"--{name.replace('_', '-')} does not go with --code")
-    if subject is None or config.is_study(subject):
-        raise click.UsageError("--code needs a problem or a mechanism for SUBJECT")
-    spec = config.problem_named(subject, allow_code)
-    advice: DaeAdvice = _called(spec, {**options, "named": repr(subject)})
-    return advice
-
-
 def _of_subject(
     subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
 ) -> "Iterator[Advice]":
@@ -263,10 +230,9 @@ def _called(spec: Any, options: dict[str, Any]) -> Any:
 def _advised(problem: Any, label: str, options: dict[str, Any]) -> Any:
     """Advice on a problem; errors name it."""
     from newmark_cli.advice.advising import advise as advised
-    from newmark_cli.advice.dae import advised as advised_dae
 
     try:
-        return (advised_dae if "code" in options else advised)(problem, **options)
+        return advised(problem, **options)
     except ArgumentError as error:
         named = str(error).startswith(f"{label}: ")
         raise InputError(str(error) if named else f"{label}: {error}") from None

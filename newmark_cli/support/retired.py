@@ -5,6 +5,10 @@ from types import MappingProxyType
 
 _MISSED = "a march goes on after a step that misses its test; the column met counts the others"
 _DASK = "--executor dask spreads a study over machines, see docs/long-studies.md"
+_DAE_CODES = (
+    "docs/advice.md has lines to paste for codes that choose their steps, and "
+    "docs/examples/tolerances.py their tolerances"
+)
 
 #: Key, value, command or option → a name that is allowed where it was, and its way out.
 RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
@@ -24,6 +28,7 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
         "--shard": ("", _DASK),
         "prune": ("run", "DIR/cells is a cache, which you may delete"),
         "verify": ("check", "check compares files with their records, too"),
+        **dict.fromkeys(("--code", "--accuracy", "advise_dae", "DaeAdvice"), ("", _DAE_CODES)),
         "info": ("show", "take 'show STUDY --record', with --json for the whole record"),
         "schema": ("list", "take 'list --schema config', mechanism or spatial"),
         **dict.fromkeys(("21", "22"), ("20", "the study stopping, which it showed, went")),
