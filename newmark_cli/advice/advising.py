@@ -17,7 +17,6 @@ from newmark_cli.library.marching import FEWEST, march, unstable
 from newmark_cli.library.scalings import (
     Factors,
     formulation_of,
-    integrator_of,
     integrator_or_newmark,
     preconditioning_of,
 )
@@ -33,7 +32,7 @@ from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
-from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, PRECISIONS, Scheme
+from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Scheme
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
 
@@ -41,10 +40,6 @@ from newmark_cli.support.errors import ArgumentError
 LARGE = 1e6
 #: Fractions of ‖λ‖ that the noise of λ is compared with.
 FRACTIONS = (0.01, 1.0)
-#: The integrator that is set next to one that does not damp.
-_DAMPING = "generalized-alpha rho=0.9"
-#: Velocities projected after each step, and λ that u and v imply.
-_PROJECTED = "projection velocity, recovered λ"
 #: Most unknowns for which all forms are compared.
 _MOST_COMPARED = 150
 #: Times the motion that is looked at, and steps at most, that energy has to grow in.
@@ -80,7 +75,6 @@ class Noise:
     """Step sizes below which rounding moves λ by a part of itself.
 
     Attributes:
-        cure: What is changed; empty for the scheme as it was asked about.
         one_step: Fraction of ‖λ‖ → step size (s) below which the predicted last correction of λ
             exceeds it, its rms over some of the states: what a single step cannot know.  0
             stands for less than 1e-9 s, and None for any step size, more than 0.1 s.
@@ -89,7 +83,6 @@ class Noise:
             formulations than index 3, of which it is not predicted.
     """
 
-    cure: str
     one_step: Mapping[float, float | None]
     carried: Mapping[float, float | None]
 
@@ -133,12 +126,12 @@ class Advice:
             matrix is singular.
         orders: Variant → power of h with which it grows, as predicted.
         factors: Step size (s) → factors of the optimal scaling.
-        code: ``"numpy"``, ``"c"`` → lines to paste.
+        code: Lines of NumPy to paste, by ``"numpy"``.
         forms: Form → variant → condition number at the smallest step size; empty for large
             problems.
         tolerances: The smallest that Newton can meet; empty without a state.
         multipliers: Root mean square of ‖λ‖ over the states; None without one.
-        noise: Below which step sizes λ is noise, and what each cure makes of that.
+        noise: Below which step sizes λ is noise; None where that is not predicted.
         equilibrations: Where units or stiffness rule the conditioning.
         findings: What to know or to change, in sentences.
 
@@ -167,7 +160,7 @@ class Advice:
     forms: Mapping[str, Mapping[str, float]]
     tolerances: tuple[Smallest, ...]
     multipliers: float | None
-    noise: tuple[Noise, ...]
+    noise: Noise | None
     equilibrations: tuple[Equilibration, ...]
     findings: tuple[str, ...]
 
@@ -312,7 +305,7 @@ def advise(
         condition=condition,
         orders=orders,
         factors=factors,
-        code=_code(factors[least.h], method.symbols(least.h), about),
+        code={"numpy": _code(factors[least.h], method.symbols(least.h), about)},
         forms=forms,
         tolerances=tolerances,
         multipliers=about.multipliers,
@@ -447,48 +440,16 @@ def _tolerances(
                 yield Smallest(h, precision, unknown, scaled, shown)
 
 
-def _noise(about: Subject, schemes: _Schemes) -> tuple[Noise, ...]:
-    """Noise of λ as asked, and under each cure that can be predicted."""
+def _noise(about: Subject, schemes: _Schemes) -> Noise | None:
     size = about.multipliers
     if not size or not about.floors(schemes.at(float(_GRID[0])), roughly=True):
-        return ()
-    damping = integrator_of(_DAMPING)
-    cures: dict[str, _Schemes] = {"": schemes}
-    index_3 = schemes.formulation.method == INDEX_3
-    if index_3 and not schemes.integrator.damped:
-        cures[_DAMPING] = replace(schemes, integrator=damping)
-    if schemes.evaluation == DIRECT and about.quadratic is not False:
-        cures["compensated"] = replace(schemes, evaluation=COMPENSATED)
-        if index_3 and not schemes.integrator.damped:
-            both = replace(schemes, evaluation=COMPENSATED, integrator=damping)
-            cures[f"{_DAMPING}, compensated"] = both
-    if not about.of_matrices:
-        for name in ("index-2", "ggl", "index-1"):
-            if schemes.formulation.method != name:
-                cures[f"{name} in form a-lambda"] = replace(
-                    schemes, formulation=Formulation(name), form="a-lambda"
-                )
-    if schemes.precision == "float32":
-        cures["float64"] = replace(schemes, precision="float64")
-    noise = tuple(
-        Noise(cure, _crossings(partial(_of_one_step, about, cured), size),
-              _crossings(partial(_carried, about, cured), size)
-              if cured.formulation.method == INDEX_3 else {})
-        for cure, cured in cures.items()
-    )  # fmt: skip
-    if about.of_matrices or not index_3:
-        return noise
-    # A projection leaves nothing of v that a further step could carry on.
-    recovered = _crossings(partial(_of_recovered, about, schemes), size)
-    projected = _crossings(lambda h: about.recovered_noise(schemes.at(h).dtype), size)
-    return (*noise, Noise("recovered λ", recovered, {}), Noise(_PROJECTED, projected, projected))
-
-
-def _of_recovered(about: Subject, schemes: _Schemes, h: float) -> float:
-    # All forms take the same step, and v is an unknown of this one.
-    scheme = replace(schemes, form="v-lambda").at(h)
-    of_v = [at.physical["v"] for at in about.floors(scheme, roughly=True)]
-    return about.recovered_noise(scheme.dtype, math.sqrt(np.mean(np.square(of_v))))
+        return None
+    return Noise(
+        _crossings(partial(_of_one_step, about, schemes), size),
+        _crossings(partial(_carried, about, schemes), size)
+        if schemes.formulation.method == INDEX_3
+        else {},
+    )
 
 
 def _of_one_step(about: Subject, schemes: _Schemes, h: float) -> float:
@@ -522,42 +483,21 @@ def _crossing(grid: Array, parts: Array, fraction: float) -> float | None:
     return float(grid[k - 1] * (grid[k] / grid[k - 1]) ** place)
 
 
-def _code(
-    factors: Factors, symbols: Mapping[str, float], about: Subject
-) -> dict[str, tuple[str, ...]]:
-    """Lines to paste, for arrays of a factor for each row and each unknown."""
-    rows, unknowns = tuple(factors.left_formulas.values()), tuple(factors.right_formulas.values())
-    unknowns = unknowns[: len(rows)]
+def _code(factors: Factors, symbols: Mapping[str, float], about: Subject) -> tuple[str, ...]:
+    """Lines of NumPy to paste, for arrays of a factor for each row and each unknown."""
     fields = len(FORMS[factors.form].kept)
-    counts = ["n"] * fields + ["m"] * (len(rows) - fields)
-    beta, gamma = repr(symbols["beta"]), repr(symbols["gamma"])
-
-    def numpy_line(side: str, formulas: Sequence[str]) -> str:
-        values = ", ".join(formula.replace("^", "**") for formula in formulas)
-        return f"{side} = np.repeat([{values}], [{', '.join(counts)}])"
-
-    def c_line(side: str, formulas: Sequence[str]) -> str:
-        loops, begin = [], "0"
-        for count, formula in zip(counts, formulas, strict=True):
-            end = count if begin == "0" else f"{begin} + {count}"
-            value = "1.0" if formula == "1" else formula.replace("h^2", "h*h")
-            loops.append(f"for (int i = {begin}; i < {end}; i++) {side}[i] = {value};")
-            begin = end
-        return " ".join(loops)
-
-    return {
-        "numpy": (
-            f"n, m, beta, gamma = {about.n}, {about.m}, {beta}, {gamma}",
-            numpy_line("left", rows),
-            numpy_line("right", unknowns),
-            "dq = right * np.linalg.solve(left[:, None] * J * right, -left * b)",
-        ),
-        "c": (
-            f"const int n = {about.n}, m = {about.m}; const double beta = {beta}, gamma = {gamma};",
-            c_line("left", rows),
-            c_line("right", unknowns),
-        ),
-    }
+    size = len(factors.rows)
+    counts = ", ".join(["n"] * fields + ["m"] * (size - fields))
+    left, right = (
+        ", ".join(formula.replace("^", "**") for formula in [*formulas.values()][:size])
+        for formulas in (factors.left_formulas, factors.right_formulas)
+    )
+    return (
+        f"n, m, beta, gamma = {about.n}, {about.m}, {symbols['beta']!r}, {symbols['gamma']!r}",
+        f"left = np.repeat([{left}], [{counts}])",
+        f"right = np.repeat([{right}], [{counts}])",
+        "dq = right * np.linalg.solve(left[:, None] * J * right, -left * b)",
+    )
 
 
 def best_of(forms: Mapping[str, Mapping[str, float]], variant: str) -> str:
@@ -569,7 +509,7 @@ def _findings(
     schemes: _Schemes,
     orders: Mapping[str, float],
     forms: Mapping[str, Mapping[str, float]],
-    noise: Sequence[Noise],
+    noise: Noise | None,
     equilibrations: Sequence[Equilibration],
 ) -> Iterable[str]:
     seeing = [f"{name} (h^{order:g})" for name, order in orders.items() if order < 0]
@@ -591,13 +531,6 @@ def _findings(
         yield (
             "no scaling changes the noise of λ: it changes the units in which corrections are read"
         )
-        least = min(FRACTIONS)
-        if quiet := [
-            row.cure or "the scheme as it is"
-            for row in noise
-            if row.carried and row.carried[least] == row.one_step[least] == 0
-        ]:
-            yield f"noise of λ stays below {least:.0%} down to h = 1e-9 with: {'; '.join(quiet)}"
         if schemes.formulation.method == INDEX_3:
             grown = carried(schemes.integrator)
             yield (
@@ -653,6 +586,6 @@ def _when_h_changes(schemes: _Schemes) -> Iterable[str]:
         cures.append(f"what v misses of Gᵀv + Φ_t = 0 by {power}")
     cure = " and ".join(cures)
     if by_position:
-        cure += f"; or take ggl, index-2 or {_PROJECTED}, where v misses nothing"
+        cure += "; or take ggl, index-2 or projection velocity, recovered λ, where v misses nothing"
     lasting = "for some steps" if integrator.damped else "and then alternates for good"
     yield f"when your code changes h, λ loses an order {lasting}. To keep it multiply {cure}"

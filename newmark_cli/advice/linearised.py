@@ -49,8 +49,6 @@ _NOTHING = 1e-40
 _SAMPLES, _ROUGHLY = 8, 2
 #: Factor on them where there is one state; stride over states for what is only compared.
 _ALONE = 4
-#: Multiple of a rounding whose effect is looked at.
-_AMPLIFIED = 1024.0
 _DAMPED = "generalized-alpha rho=0.9"
 #: Times (s) after the start at which forces are looked at that come later.
 _LATER = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
@@ -155,27 +153,6 @@ class Subject:
             for place, at in enumerate(self.states)
         ]
         return math.sqrt(np.mean(np.square(noise)))
-
-    def recovered_noise(self, dtype: type[np.floating[Any]], of_v: float = 0.0) -> float:
-        """Rms over the states of the noise of ‖λ‖ that the index-1 equations give from u and v.
-
-        Args:
-            dtype: Of u and v, which are off by their rounding.
-            of_v: Norm of what v is off by besides.
-        """
-        random, squares = np.random.default_rng(20261123), []
-        for at, (_, multipliers) in zip(self.states, self._accelerations, strict=True):
-            system = Index1(at)
-            for _ in range(_SAMPLES):
-                # Less than one unit in the last place would round to nothing.
-                off = [
-                    _AMPLIFIED * random.uniform(-0.5, 0.5, self.n) * np.spacing(x.astype(dtype))
-                    for x in (at.u0, at.v0)
-                ]
-                off[1] += _AMPLIFIED * of_v * random.normal(size=self.n) / math.sqrt(self.n)
-                recovered = system.accelerations(at.t0, at.u0 + off[0], at.v0 + off[1])[1]
-                squares.append(np.sum((recovered - multipliers) ** 2) / _AMPLIFIED**2)
-        return math.sqrt(np.mean(squares))
 
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
         """Floors at the states, none without one; from fewer draws at some if `roughly`."""

@@ -42,35 +42,24 @@ def sections(advice: "Advice") -> Iterable[str]:
             ),
         ],
     )
-    yield "\n".join(
-        f"{title}\n" + "\n".join(f"  {line}" for line in advice.code[language])
-        for language, title in (("numpy", "NumPy"), ("c", "C"))
-    )
+    yield "\n".join(["NumPy", *(f"  {line}" for line in advice.code["numpy"])])
     if advice.tolerances:
         yield titled(
             "Smallest tolerance that Newton can meet on a correction's 2-norm (set three times it)",
             _tolerance_rows(advice),
         )
     if advice.noise:
-        fractions = [f"{fraction:.0%}" for fraction in advice.noise[0].one_step]
-        kinds = ("in one step", "carried on")
+        noise = {"in one step": advice.noise.one_step, "carried on": advice.noise.carried}
         yield titled(
             "Step size below which rounding moves λ by a part of its size, rms ‖λ‖ = "
             f"{advice.multipliers:.3g}",
             [
-                ["", *(f"{fraction} {kind}" for kind in kinds for fraction in fractions)],
-                *(
-                    [
-                        one.cure or "as it is",
-                        *map(_below, one.one_step.values()),
-                        *(
-                            map(_below, one.carried.values())
-                            if one.carried
-                            else ["not predicted"] * 2
-                        ),
-                    ]
-                    for one in advice.noise
-                ),
+                [f"{part:.0%} {kind}" for kind in noise for part in advice.noise.one_step],
+                [
+                    _below(of[part]) if of else "not predicted"
+                    for of in noise.values()
+                    for part in advice.noise.one_step
+                ],
             ],
         )
     yield "\n".join(f"- {text}" for text in advice.findings)
