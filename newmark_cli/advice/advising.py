@@ -167,7 +167,7 @@ class Advice:
     @property
     def best_form(self) -> str | None:
         """The form whose optimally scaled condition number is least at the smallest step size."""
-        return best_of(self.forms, "optimal") if self.forms else None
+        return _best(self.forms, "optimal") if self.forms else None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain mappings, lists, numbers and text; step sizes are text where they are keys."""
@@ -256,15 +256,20 @@ def advise(
     tests = Tests.of(
         tolerance, tested, residual_tolerance, residual_tested, largest_step.form.unknowns
     )
-    condition, equilibrations = {}, []
-    for step in steps:
-        condition[step], added = _conditions(about, schemes, step)
-        equilibrations += added
-    orders = _orders(schemes, least)
+    conditions = {step: _conditions(about, schemes, step) for step in steps}
+    condition = {step: by_variant for step, (by_variant, _) in conditions.items()}
+    equilibrations = [found for _, found in conditions.values() if found]
+    orders = {
+        name: form_orders(least.form).condition(one.scaling(least.form))
+        for name, one in schemes.scalings().items()
+    }
     factors = {
         step: factors_of(form, h=step, integrator=method, formulation=chosen) for step in steps
     }
-    forms = _all_forms(about, schemes, steps[-1])
+    forms = {
+        name: _conditions(about, replace(schemes, form=name), steps[-1])[0]
+        for name in (FORMS if about.n + about.m <= _MOST_COMPARED else ())
+    }
     noise = _noise(about, schemes)
     floors = {
         name: {step: about.floors(replace(schemes, precision=name).at(step)) for step in steps}
@@ -274,24 +279,21 @@ def advise(
     if why and tests.tolerances:
         raise ArgumentError(f"a tolerance cannot be judged: {why}")
     tolerances = tuple(_tolerances(floors, schemes))
-    too_coarse = [f"{smallest.h:g}" for smallest in tolerances if math.isnan(smallest.scaled)]
-    findings = (
+    too_coarse = dict.fromkeys(f"{one.h:g}" for one in tolerances if math.isnan(one.scaled))
+    findings = [
         *diagnosed(tests, about, scheme_at, floors[precision]),
         *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
         *_findings(schemes, orders, forms, noise, equilibrations),
         *_when_h_changes(schemes),
         *_unstable(about, schemes, steps),
-        *([f"no floors and no tolerances: {why}"] if why else []),
-        *(
-            [
-                f"no floors and no tolerances at h = {', '.join(dict.fromkeys(too_coarse))}: "
-                "Newton's iteration does not converge from some of the states"
-            ]
-            if too_coarse
-            else []
-        ),
-        *about.notes,
-    )
+    ]
+    if why:
+        findings.append(f"no floors and no tolerances: {why}")
+    if too_coarse:
+        findings.append(
+            f"no floors and no tolerances at h = {', '.join(too_coarse)}: Newton's iteration does "
+            "not converge from some of the states"
+        )
     return Advice(
         subject=about.name,
         n=about.n,
@@ -311,7 +313,7 @@ def advise(
         multipliers=about.multipliers,
         noise=noise,
         equilibrations=tuple(equilibrations),
-        findings=findings,
+        findings=(*findings, *about.notes),
     )
 
 
@@ -341,59 +343,39 @@ class _Schemes:
 
 def _step_sizes(h: Any) -> list[float]:
     """Step sizes, the smallest last."""
-    if isinstance(h, np.ndarray):
-        h = h.reshape(-1).tolist()
-    values = h if isinstance(h, list | tuple) and len(h) else [h]
+    values = np.ravel(h).tolist() if isinstance(h, np.ndarray) else h
+    values = values if isinstance(values, list | tuple) and len(values) else [h]
     return sorted({arguments.step_size(value) for value in values}, reverse=True)
 
 
 def _conditions(
     about: Subject, schemes: _Schemes, h: float
-) -> tuple[dict[str, float], list[Equilibration]]:
+) -> tuple[dict[str, float], Equilibration | None]:
     """Condition number of each variant, and an equilibration where all of them are large."""
     scheme = schemes.at(h)
-    sizes = scheme.form.sizes(about.n, about.m)
+    form, sizes = scheme.form, scheme.form.sizes(about.n, about.m)
     try:
         inverted = Inverted(about.jacobian(scheme), sizes)
     except np.linalg.LinAlgError:
-        return dict.fromkeys(schemes.scalings(), math.inf), []
+        return dict.fromkeys(schemes.scalings(), math.inf), None
     factors = {
         name: scaling_factors(replace(schemes, scaling=chosen).at(h), about.n, about.m)
         for name, chosen in schemes.scalings().items()
     }
     condition = {name: inverted.condition(*both) for name, both in factors.items()}
-    if not condition["optimal"] > LARGE:
-        return condition, []
-    return condition, [
-        _equilibration(about, scheme, inverted, *factors["optimal"], condition["optimal"])
-    ]
-
-
-def _orders(schemes: _Schemes, scheme: Scheme) -> dict[str, float]:
-    """Variant → order in h of the condition number."""
-    orders = form_orders(scheme.form)
-    return {
-        name: orders.condition(chosen.scaling(scheme.form))
-        for name, chosen in schemes.scalings().items()
-    }
-
-
-def _equilibration(
-    about: Subject, scheme: Scheme, inverted: Inverted, left: Array, right: Array, optimal: float
-) -> Equilibration:
+    if not (optimal := condition["optimal"]) > LARGE:
+        return condition, None
+    left, right = factors["optimal"]
     balanced = left[:, None] * inverted.jacobian * right[None, :]
-    form, sizes = scheme.form, scheme.form.sizes(about.n, about.m)
-    of_rows, of_columns = block_factors(block_sizes(balanced, sizes))
-    with_fields = inverted.condition(
-        left * np.repeat(of_rows, sizes), right * np.repeat(of_columns, sizes)
-    )
+    further = np.concatenate(block_factors(block_sizes(balanced, sizes)))
+    of_rows, of_columns = np.split(np.repeat(further, [*sizes, *sizes]), 2)
+    with_fields = inverted.condition(left * of_rows, right * of_columns)
     rows, columns = equilibrium(balanced, sizes)
     with_all = inverted.condition(left * rows, right * columns)
     names = [*(f"row {row}" for row in form.rows), *form.solved]
-    further = dict(zip(names, [*of_rows.tolist(), *of_columns.tolist()], strict=True))
-    return Equilibration(
-        scheme.h, optimal, further, with_fields, rows.tolist(), columns.tolist(), with_all,
-        _cause(about, scheme, optimal, with_fields, with_all),
+    return condition, Equilibration(
+        h, optimal, dict(zip(names, further.tolist(), strict=True)), with_fields, rows.tolist(),
+        columns.tolist(), with_all, _cause(about, scheme, optimal, with_fields, with_all),
     )  # fmt: skip
 
 
@@ -418,43 +400,34 @@ def _cause(
     )
 
 
-def _all_forms(about: Subject, schemes: _Schemes, h: float) -> dict[str, dict[str, float]]:
-    if about.n + about.m > _MOST_COMPARED:
-        return {}
-    return {name: _conditions(about, replace(schemes, form=name), h)[0] for name in FORMS}
-
-
 def _tolerances(
     floors: Mapping[str, Mapping[float, Sequence[Floor]]], schemes: _Schemes
 ) -> Iterator[Smallest]:
     for h in next(iter(floors.values())):
         scheme = schemes.at(h)
         for precision, by_step in floors.items():
-            at_states = by_step[h]
-            for unknown in (*at_states[0].scaled, ALL) if at_states else ():
+            for unknown in (*by_step[h][0].scaled, ALL) if by_step[h] else ():
                 scaled, physical = (
-                    SPREAD * largest(at_states, unknown, kind, scheme)
+                    SPREAD * largest(by_step[h], unknown, kind, scheme)
                     for kind in ("scaled", "physical")
                 )
-                shown = None if unknown == ALL else physical
-                yield Smallest(h, precision, unknown, scaled, shown)
+                yield Smallest(h, precision, unknown, scaled, None if unknown == ALL else physical)
 
 
 def _noise(about: Subject, schemes: _Schemes) -> Noise | None:
     size = about.multipliers
     if not size or not about.floors(schemes.at(float(_GRID[0])), roughly=True):
         return None
+
+    def in_one_step(h: float) -> float:
+        of_lambda = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
+        return math.sqrt(np.mean(np.square(of_lambda)))
+
+    carried_on = schemes.formulation.method == INDEX_3
     return Noise(
-        _crossings(partial(_of_one_step, about, schemes), size),
-        _crossings(partial(_carried, about, schemes), size)
-        if schemes.formulation.method == INDEX_3
-        else {},
+        _crossings(in_one_step, size),
+        _crossings(partial(_carried, about, schemes), size) if carried_on else {},
     )
-
-
-def _of_one_step(about: Subject, schemes: _Schemes, h: float) -> float:
-    of_lambda = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
-    return math.sqrt(np.mean(np.square(of_lambda)))
 
 
 def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
@@ -500,7 +473,7 @@ def _code(factors: Factors, symbols: Mapping[str, float], about: Subject) -> tup
     )
 
 
-def best_of(forms: Mapping[str, Mapping[str, float]], variant: str) -> str:
+def _best(forms: Mapping[str, Mapping[str, float]], variant: str) -> str:
     """The form with the least condition number, the first of those that are equal."""
     return min(forms, key=lambda name: float(f"{forms[name][variant]:.6g}"))
 
@@ -521,7 +494,7 @@ def _findings(
         else "an iterative solver does not see h under any of the scalings"
     )
     if forms:
-        best, bare = best_of(forms, "optimal"), best_of(forms, "none")
+        best, bare = _best(forms, "optimal"), _best(forms, "none")
         yield (
             f"best form at the smallest h: {best} with C = {forms[best]['optimal']:.3g} optimally "
             f"scaled; without scaling {bare} with C = {forms[bare]['none']:.3g}. All forms take "

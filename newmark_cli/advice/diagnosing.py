@@ -1,7 +1,7 @@
 """Somebody's tests of convergence, next to what rounding lets Newton's iteration reach."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,14 +75,7 @@ class Tests:
 
 
 def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) -> float:
-    """Largest floor of an unknown, or of `ALL`, among those of several states; NaN if one has none.
-
-    Args:
-        floors: Of the states.
-        unknown: Its name, or `ALL`.
-        kind: ``"scaled"`` or ``"physical"``.
-        scheme: Whose floors they are.
-    """
+    """Largest floor, scaled or physical, of an unknown or of `ALL`; NaN if a state has none."""
     names = scheme.form.solved if unknown == ALL else (unknown,)
     at_states: list[Mapping[str, float]] = [getattr(floor, kind) for floor in floors]
     return float(np.max([math.hypot(*(of[name] for name in names)) for of in at_states]))
@@ -95,12 +88,6 @@ def diagnosed(
     floors: Mapping[float, Sequence[Floor]],
 ) -> Iterator[str]:
     """Say what is wrong, or right, with each of the tests, in a sentence.
-
-    Args:
-        tests: The tests.
-        about: What they are made on.
-        schemes: Step size → scheme.
-        floors: Step size → floors at the states.
 
     Raises:
         ArgumentError: When there is no state that floors could be predicted at.
@@ -212,22 +199,16 @@ def _verdict(
 
 
 def one_sided(scheme: Scheme, order: float, condition: Mapping[str, float]) -> Iterable[str]:
-    """Say what a scaling other than the optimal one leaves undone.
-
-    Args:
-        scheme: With the scaling.
-        order: Order in h of its condition number.
-        condition: Variant → condition number at the step size of the scheme.
-    """
+    """Say what a scaling other than the optimal one leaves undone: order and size of C."""
     name = scheme.scaling.name
     if order >= 0 or name == "optimal":
         return
-    sides: dict[str, Callable[[], str]] = {
-        "none": lambda: "nothing is scaled",
-        "left": lambda: "only the equations are scaled: scale the unknowns, too",
-        "right": lambda: "only the unknowns are scaled: scale the equations, too",
+    sides = {
+        "none": "nothing is scaled",
+        "left": "only the equations are scaled: scale the unknowns, too",
+        "right": "only the unknowns are scaled: scale the equations, too",
     }
-    why = sides.get(name, lambda: f"the scaling {name} is not balanced")()
+    why = sides.get(name, f"the scaling {name} is not balanced")
     yield (
         f"{why}. C still grows like h^{order:g}: it is {condition[name]:.3g} at h = {scheme.h:g}, "
         f"and {condition['optimal']:.3g} with both sides of Table 2"

@@ -1,8 +1,8 @@
 """A Jacobian from anywhere: which scaling is in it, and what to multiply it by."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from newmark_cli.library import arguments
 from newmark_cli.library.scalings import integrator_or_newmark
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes
 from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.integrator import Integrator
+from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
@@ -102,7 +102,13 @@ class JacobianAdvice:
             unknowns = [*self.blocks]
             table = [["", *unknowns]]
             table += [
-                [f"row {row}", *(f"{of[name]:.2f}" if name in of else "0" for name in unknowns)]
+                [
+                    f"row {row}",
+                    *(
+                        f"{round(of[name], 2) + 0.0:.2f}" if name in of else "0"
+                        for name in unknowns
+                    ),
+                ]
                 for row, of in self.orders.items()
             ]
             parts.append(titled("Measured order in h of each block (0: a block of zeros)", table))
@@ -152,10 +158,10 @@ def advise_jacobian(
         >>> advice.found, advice.measured, advice.right["lambda"]
         ('left', True, '1/(beta*h^2)')
     """
-    jacobians, file_blocks, steps = _matrices_and_steps(jacobian, h)
+    jacobians, file_blocks, steps = _given(jacobian, h)
     method = integrator_or_newmark(beta, gamma, integrator)
     form, sizes = _blocks(blocks if blocks is not None else file_blocks)
-    counts = [sizes[name] for name in form.unknowns]
+    counts = [*sizes.values()]
     for where, matrix in jacobians.items():
         if matrix.shape != (sum(counts), sum(counts)):
             shape = " by ".join(map(str, matrix.shape))
@@ -168,92 +174,76 @@ def advise_jacobian(
                 f"{where} is the inverse of a Jacobian: its own inverse has zeros in row C, column "
                 "lambda; give the Jacobian: invert it, or export it before it is factorized"
             )
-    schemes = [Scheme(method, form, named_scaling("optimal", form), step) for step in steps]
-    cut = [_cut(matrix, counts) for matrix in jacobians.values()]
-    measured = len(set(steps)) > 1
-    implied: dict[str, dict[str, float]] = {}
-    orders: dict[str, dict[str, float]] = {}
-    if measured:
-        variant, orders, powers = _measured(form, cut, steps)
+    implied, orders = dict[str, dict[str, float]](), dict[str, dict[str, float]]()
+    several = [*jacobians.values()]
+    if measured := len(set(steps)) > 1:
+        found, orders, powers = _measured(form, [block_sizes(j, counts) for j in several], steps)
     else:
-        implied = _fitting(cut[0], schemes[0])
-        variant, powers = _likeliest(implied), None
-    left, right = _formulas(form, variant, powers, cut[-1])
-    factors = [_factors(form, left, right, method, step, counts) for step in steps]
-    condition, balanced = zip(
-        *(
-            _conditions(matrix, counts, *both)
-            for matrix, both in zip(jacobians.values(), factors, strict=True)
-        ),
-        strict=True,
+        scheme = Scheme(method, form, named_scaling("optimal", form), steps[0])
+        implied = _fitting(several[0], counts, scheme)
+        found = min(implied, key=lambda name: _extreme(**implied[name]), default=OTHER)
+        powers = block_factors(block_sizes(several[-1], counts))
+    left, right = _formulas(form, found, measured, powers)
+    factors = [
+        [
+            np.repeat([Monomial.parse(text)(method.symbols(h)) for text in side.values()], counts)
+            for side in (left, right)
+        ]
+        for h in steps
+    ]
+    inverted = [_inverted(matrix, counts) for matrix in several]
+    condition = tuple(one.condition() if one else math.inf for one in inverted)
+    balanced = tuple(
+        one.condition(*both) if one else math.inf
+        for one, both in zip(inverted, factors, strict=True)
     )
-    further = _further(list(jacobians.values())[-1], counts, factors[-1], balanced[-1])
-    findings = (*_findings(variant, measured, implied, condition, balanced), *further)
     return JacobianAdvice(
-        form.name, sizes, tuple(steps), variant, measured, implied, orders, left, right,
-        condition, balanced, findings,
+        form.name, sizes, tuple(steps), found, measured, implied, orders, left, right, condition,
+        balanced, (*_findings(found, measured, implied, condition, balanced),
+                   *_further(inverted[-1], counts, factors[-1], balanced[-1])),
     )  # fmt: skip
 
 
-def _matrices_and_steps(jacobian: Any, h: Any) -> tuple[dict[str, Array], str | None, list[float]]:
+def _given(jacobian: Any, h: Any) -> tuple[dict[str, Array], Any, list[float]]:
     """Name → matrix, the blocks that a file names, and the step sizes."""
-    jacobian = [Path(jacobian)] if isinstance(jacobian, str | Path) else _dense(jacobian)
-    if not isinstance(jacobian, np.ndarray) and isinstance(jacobian, Iterable):
-        jacobian = [_dense(item) for item in jacobian]
-    if not isinstance(jacobian, list | np.ndarray) or getattr(jacobian, "ndim", 1) == 0:
-        raise ArgumentError("jacobian must be a matrix, several of them, or paths of files")
-    if not len(jacobian):
+    single = isinstance(jacobian, str | Path) or hasattr(jacobian, "toarray")
+    try:
+        items = [jacobian] if single else list(jacobian)
+    except TypeError:
+        raise ArgumentError(
+            "jacobian must be a matrix, several of them, or paths of files"
+        ) from None
+    if not items:
         raise ArgumentError("jacobian: no matrix")
-    if all(isinstance(item, str | Path) for item in jacobian):
-        jacobians, file_blocks, steps = _of_files(jacobian)
+    jacobians: dict[str, Array] = {}
+    blocks, steps = None, []
+    if all(isinstance(item, str | Path) for item in items):
+        for path in map(Path, items):
+            arrays = matrices.read(path, ("J", "h"), dimensions=(0, 1, 2, 3))
+            if "J" not in arrays:
+                raise MatrixError(f"{path}: J is missing")
+            blocks = blocks or matrices.text_of(path, "blocks")
+            steps += np.ravel(arrays.get("h", ())).tolist()
+            several = arrays["J"].ndim == 3
+            for place, matrix in enumerate(arrays["J"] if several else [arrays["J"]], 1):
+                jacobians[f"{path}: J" + f", {place}" * several] = matrix
+    elif np.ndim(items[0]) < 2:  # rows of one matrix
+        jacobians["jacobian"] = matrices.array_of(jacobian, "jacobian")
     else:
-        jacobians, file_blocks, steps = _of_matrices(jacobian), None, []
+        for place, item in enumerate(items, 1):
+            name = "jacobian" if single else f"jacobian {place}"
+            jacobians[name] = matrices.array_of(item, name)
     if h is not None:
-        steps = np.reshape(h, -1).tolist() if isinstance(h, np.ndarray) else h
-        steps = list(steps) if isinstance(steps, list | tuple) else [steps]
+        steps = list(h) if isinstance(h, list | tuple | np.ndarray) and np.ndim(h) else [h]
     if len(steps) == 1:
         steps *= len(jacobians)
     if len(steps) != len(jacobians):
         raise ArgumentError(
             f"h: one step size for each Jacobian: {len(jacobians)}, given {len(steps)}"
         )
-    if max(matrix.shape[0] for matrix in jacobians.values()) > MOST_UNKNOWNS:
+    if max(len(matrix) for matrix in jacobians.values()) > MOST_UNKNOWNS:
         raise ArgumentError(f"jacobian: at most {MOST_UNKNOWNS} rows")
-    return jacobians, file_blocks, [arguments.step_size(step) for step in steps]
-
-
-def _dense(matrix: Any) -> Any:
-    """A sparse matrix as an array; anything else as it is."""
-    return matrix.toarray() if callable(getattr(matrix, "toarray", None)) else matrix
-
-
-def _of_files(paths: Iterable[Any]) -> tuple[dict[str, Array], str | None, list[Any]]:
-    jacobians: dict[str, Array] = {}
-    blocks: str | None = None
-    steps: list[Any] = []
-    for path in paths:
-        arrays = matrices.read(Path(path), ("J", "h"), dimensions=(0, 1, 2, 3))
-        if "J" not in arrays:
-            raise MatrixError(f"{path}: J is missing")
-        blocks = blocks or matrices.text_of(Path(path), "blocks")
-        steps += arrays.get("h", np.empty(0)).reshape(-1).tolist()
-        jacobians |= _apart(arrays["J"], str(path))
-    return jacobians, blocks, steps
-
-
-def _of_matrices(jacobian: Any) -> dict[str, Array]:
-    stacked = isinstance(jacobian, np.ndarray) and jacobian.ndim == 3
-    # A list of rows is one matrix; a list of matrices several.
-    if not stacked and np.ndim(jacobian[0] if len(jacobian) else 0) < 2:
-        return {"jacobian": matrices.array_of(jacobian, "jacobian")}
-    names = [f"jacobian {place + 1}" for place in range(len(jacobian))]
-    return dict(zip(names, map(matrices.array_of, jacobian, names), strict=True))
-
-
-def _apart(array: Array, where: str) -> dict[str, Array]:
-    if array.ndim == 3:
-        return {f"{where}: J, {place + 1}": matrix for place, matrix in enumerate(array)}
-    return {f"{where}: J": array}
+    return jacobians, blocks, [arguments.step_size(step) for step in steps]
 
 
 def _blocks(blocks: Any) -> tuple[Form, dict[str, int]]:
@@ -289,11 +279,6 @@ def _blocks(blocks: Any) -> tuple[Form, dict[str, int]]:
     return form, sizes
 
 
-def _cut(matrix: Array, counts: Sequence[int]) -> list[list[Array]]:
-    ends = np.cumsum(counts)[:-1]
-    return [list(np.split(rows, ends, axis=1)) for rows in np.split(matrix, ends)]
-
-
 def _is_inverse(matrix: Array, counts: Sequence[int]) -> bool:
     """Whether this is J⁻¹: it is dense where J has zeros, row C and column λ, and J is not.
 
@@ -318,35 +303,33 @@ def _is_inverse(matrix: Array, counts: Sequence[int]) -> bool:
     )
 
 
-def _fitting(blocks: list[list[Array]], scheme: Scheme) -> dict[str, dict[str, float]]:
+def _fitting(matrix: Array, counts: Sequence[int], scheme: Scheme) -> dict[str, dict[str, float]]:
     """Variants whose undoing leaves G and Gᵀ, and the identities of V and K, in their places.
 
     With the sizes of M and G that each of them implies.
     """
     form, elimination = scheme.form, scheme.elimination
-    symbols = scheme.symbols
+    of_mass = scheme.relations.acceleration[0] * elimination.weights[2]
+    place = int(np.argmax(np.abs(of_mass)))
+    ends = np.cumsum(counts)[:-1]
     implied = {}
     for name in PAPER_VARIANTS:
-        scaling = named_scaling(name, form)
-        plain_blocks = [
-            [
-                block / (scaling.left[row](symbols) * scaling.right[unknown](symbols))
-                for unknown, block in zip(form.unknowns, of_row, strict=True)
-            ]
-            for row, of_row in zip(form.rows, blocks, strict=True)
-        ]
-        gradient = plain_blocks[0][-1]
+        scaling = replace(scheme, scaling=named_scaling(name, form))
+        left, right = scaling_factors(scaling, counts[0], counts[-1])
+        undone = matrix / left[:, None] / right
+        first, *others = ([*np.split(rows, ends, axis=1)] for rows in np.split(undone, ends))
+        gradient = first[-1]
         expected = [
             [weight * np.eye(len(gradient)) for weight in weights] for weights in elimination.rows
         ]
         expected.append([weight * gradient.T for weight in elimination.weights[0]])
-        pairs = [
-            (plain_blocks[i + 1][k], block)
-            for i, of_row in enumerate(expected)
-            for k, block in enumerate(of_row)
-        ]
-        if all(_equal(*pair) for pair in pairs):
-            implied[name] = {"M": _mass(plain_blocks[0], scheme), "G": _size(gradient)}
+        if all(
+            _equal(block, wanted)
+            for blocks, row in zip(others, expected, strict=True)
+            for block, wanted in zip(blocks, row, strict=False)
+        ):
+            mass = _size(first[place]) / abs(float(of_mass[place]))
+            implied[name] = {"M": mass, "G": _size(gradient)}
     return implied
 
 
@@ -360,129 +343,82 @@ def _size(block: Array) -> float:
     return float(np.linalg.norm(block, 2))
 
 
-def _mass(row: list[Array], scheme: Scheme) -> float:
-    """‖M‖ from the block of row D that it stands in with the largest weight."""
-    weights = scheme.relations.acceleration[0] * scheme.elimination.weights[2]
-    place = int(np.argmax(np.abs(weights)))
-    return _size(row[place]) / abs(float(weights[place]))
-
-
-def _likeliest(implied: Mapping[str, Mapping[str, float]]) -> str:
-    """The variant with the least extreme sizes of M and G."""
-    if not implied:
-        return OTHER
-
-    def extreme(name: str) -> tuple[float, float]:
-        mass, gradient = (max(implied[name][key], 1e-300) for key in ("M", "G"))
-        # Variants of (a, λ) differ by one common factor only.
-        return round(abs(math.log10(mass / gradient)), 6), abs(math.log10(gradient))
-
-    return min(implied, key=extreme)
+def _extreme(M: float, G: float) -> tuple[float, float]:
+    """How extreme the sizes of M and G are that a scaling would mean."""
+    mass, gradient = max(M, 1e-300), max(G, 1e-300)
+    # Variants of (a, λ) differ by one common factor only.
+    return round(abs(math.log10(mass / gradient)), 6), abs(math.log10(gradient))
 
 
 def _measured(
-    form: Form, cut: Sequence[list[list[Array]]], steps: Sequence[float]
+    form: Form, of_steps: Sequence[Array], steps: Sequence[float]
 ) -> tuple[str, dict[str, dict[str, float]], tuple[Array, Array]]:
-    """Scaling, orders of the blocks, and powers of h that are in rows and columns."""
+    """Scaling, orders of the blocks from their sizes, and powers of h in rows and columns."""
     first, last = int(np.argmax(steps)), int(np.argmin(steps))
-    sizes = [np.array([[_size(b) for b in row] for row in cut[k]]) for k in (first, last)]
-    there = (sizes[0] > 0) & (sizes[1] > 0)
-    ratio = np.divide(sizes[0], sizes[1], out=np.ones_like(sizes[0]), where=there)
+    large, small = of_steps[first], of_steps[last]
+    there = (large > 0) & (small > 0)
+    ratio = np.divide(large, small, out=np.ones_like(large), where=there)
     orders = np.log(ratio) / math.log(steps[first] / steps[last])
-    expected = form_orders(form).jacobian
-    there &= np.isfinite(expected)
+    predicted = form_orders(form)
+    there &= np.isfinite(predicted.jacobian)
     block_orders = {
         row: {name: float(orders[i, j]) for j, name in enumerate(form.unknowns) if there[i, j]}
         for i, row in enumerate(form.rows)
     }
-    misfits = {}
-    for name in PAPER_VARIANTS:
-        scaling = named_scaling(name, form)
-        left = np.array([scaling.left[row].order() for row in form.rows])
-        right = np.array([scaling.right[unknown].order() for unknown in form.unknowns])
-        apart = np.abs(orders - expected - left[:, None] - right[None, :])
-        misfits[name] = float(apart[there].max())
+    misfits = {
+        name: float(np.abs(orders - predicted.scaled(named_scaling(name, form))[0])[there].max())
+        for name in PAPER_VARIANTS
+    }
     best = min(misfits, key=lambda name: misfits[name])
     # Powers in rows and columns, that of row C being 0.
-    places = np.argwhere(there)
-    size = len(form.rows)
-    system = np.zeros((len(places) + 1, 2 * size))
-    system[np.arange(len(places)), places[:, 0]] = 1
-    system[np.arange(len(places)), size + places[:, 1]] = 1
-    system[-1, size - 1] = 1
-    wanted = np.append((orders - np.where(there, expected, 0))[there], 0.0)
-    powers = np.linalg.lstsq(system, wanted, rcond=None)[0]
-    return (
-        best if misfits[best] < _NEAR else OTHER,
-        block_orders,
-        (np.rint(powers[:size]), np.rint(powers[size:])),
+    rows, columns = (
+        np.log2(factors)
+        for factors in block_factors(np.where(there, np.exp2(predicted.jacobian - orders), 0.0))
     )
+    powers = np.rint(rows - rows[-1]), np.rint(columns + rows[-1])
+    return best if misfits[best] < _NEAR else OTHER, block_orders, powers
 
 
 def _formulas(
-    form: Form, variant: str, powers: tuple[Array, Array] | None, blocks: list[list[Array]]
-) -> tuple[dict[str, str], dict[str, str]]:
-    """Factors from the scaling that is in the blocks to the optimal one."""
+    form: Form, found: str, measured: bool, of_blocks: tuple[Array, Array]
+) -> Iterator[dict[str, str]]:
+    """Factors to the optimal scaling, of rows and of unknowns.
+
+    From the scaling that was found; else from measured powers of h, or as numbers, of blocks.
+    """
     optimal = named_scaling("optimal", form)
-    if variant != OTHER:
-        present = named_scaling(variant, form)
-        return (
-            {row: str(factor * present.left[row] ** -1) for row, factor in optimal.left.items()},
-            {
-                name: str(factor * present.right[name] ** -1)
-                for name, factor in optimal.right.items()
-            },
-        )
-    if powers is not None:
-        left, right = (
-            {
+    present = None if found == OTHER else named_scaling(found, form)
+    for side, values in zip(("left", "right"), of_blocks, strict=True):
+        factors: Mapping[str, Monomial] = getattr(optimal, side)
+        if present is not None:
+            there = getattr(present, side)
+            yield {name: str(factor * there[name] ** -1) for name, factor in factors.items()}
+        elif measured:
+            yield {
                 name: str(factor * Monomial(1.0, (("h", -int(power)),) if power else ()))
-                for (name, factor), power in zip(side.items(), of_side, strict=True)
+                for (name, factor), power in zip(factors.items(), values, strict=True)
             }
-            for side, of_side in zip((optimal.left, optimal.right), powers, strict=True)
-        )
-        return left, right
-    sizes = np.array([[_size(block) for block in row] for row in blocks])
-    rows, columns = block_factors(sizes)
-    return (
-        dict(zip(form.rows, map(repr, rows.tolist()), strict=True)),
-        dict(zip(form.unknowns, map(repr, columns.tolist()), strict=True)),
-    )
+        else:
+            yield dict(zip(factors, map(repr, values.tolist()), strict=True))
 
 
-def _factors(
-    form: Form, left: Mapping[str, str], right: Mapping[str, str],
-    method: Integrator, h: float, counts: Sequence[int],
-) -> tuple[Array, Array]:  # fmt: skip
-    symbols = method.symbols(h)
-    return (
-        np.repeat([Monomial.parse(left[row])(symbols) for row in form.rows], counts),
-        np.repeat([Monomial.parse(right[name])(symbols) for name in form.unknowns], counts),
-    )
-
-
-def _conditions(
-    matrix: Array, counts: Sequence[int], left: Array, right: Array
-) -> tuple[float, float]:
+def _inverted(matrix: Array, counts: Sequence[int]) -> Inverted | None:
     try:
-        inverted = Inverted(matrix, counts)
+        return Inverted(matrix, counts)
     except np.linalg.LinAlgError:
-        return math.inf, math.inf
-    return inverted.condition(), inverted.condition(left, right)
+        return None
 
 
 def _further(
-    matrix: Array, counts: Sequence[int], factors: tuple[Array, Array], balanced: float
+    inverted: Inverted | None, counts: Sequence[int], factors: Sequence[Array], balanced: float
 ) -> Iterator[str]:
     """Where blocks are of very different size in spite of the factors: what would mend that."""
-    if not math.isfinite(balanced):
+    if inverted is None:
         return
     left, right = factors
-    even = left[:, None] * matrix * right[None, :]
+    even = left[:, None] * inverted.jacobian * right
     rows, columns = block_factors(block_sizes(even, counts))
-    better = Inverted(matrix, counts).condition(
-        left * np.repeat(rows, counts), right * np.repeat(columns, counts)
-    )
+    better = inverted.condition(left * np.repeat(rows, counts), right * np.repeat(columns, counts))
     if better * _MUCH < balanced:
         shown = ", ".join(f"{value:.3g}" for value in (*rows, *columns))
         yield (
@@ -525,3 +461,7 @@ def _findings(
         yield f"it is {gain:.3g} times worse conditioned than with the factors above"
     else:
         yield "it is as well conditioned as with the optimal scaling"
+
+
+def _order(power: float) -> str:
+    return f"{round(power, 2) + 0.0:.2f}"  # no −0.00

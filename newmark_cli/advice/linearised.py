@@ -255,7 +255,7 @@ def of_matrices(values: Mapping[str, Any], where: str) -> Subject:
         notes.append("no state u, v, a, lambda is given: no floors and no tolerances")
     shapes = _shapes(*arrays["G"].shape)
     mass, gradient, x, y, u, v, a, multipliers = (
-        arrays.get(name, np.zeros(shapes.get(name, ()))) for name in NAMES
+        arrays[name] if name in arrays else np.zeros(shapes[name]) for name in NAMES
     )
     problem = linear_problem(where, (mass, x, y, gradient), (u, v, a, multipliers))
     at = "without a state" if missing else "at the state given"
@@ -370,8 +370,8 @@ def _of_problem(problem: Problem, t_end: float | None, motions: int) -> Subject:
             problem, [problem], "at the start",
             ["it is at rest, and nothing moves it: rounding is less there than in a motion"],
         )  # fmt: skip
+    steps = _STATES * _STEPS_BETWEEN
     try:
-        steps = _STATES * _STEPS_BETWEEN
         motion = march(
             problem, h=length / steps, steps=steps, every=_STEPS_BETWEEN, integrator=_DAMPED,
             keep=("u", "v"),

@@ -9,7 +9,7 @@ import numpy as np
 from newmark_cli.newmark.scheme import PRECISIONS
 
 if TYPE_CHECKING:
-    from newmark_cli.advice.advising import Advice, Smallest
+    from newmark_cli.advice.advising import Advice
 
 
 def sections(advice: "Advice") -> Iterable[str]:
@@ -75,19 +75,17 @@ def _tolerance_rows(advice: "Advice") -> list[list[str]]:
     rows = [
         ["h", "unknown", *(f"{p}, {kind}" for p in PRECISIONS for kind in ("scaled", "physical"))]
     ]
-    grouped: dict[tuple[float, str], dict[str, Smallest]] = {}
-    for smallest in advice.tolerances:
-        grouped.setdefault((smallest.h, smallest.unknown), {})[smallest.precision] = smallest
-    for (h, unknown), by_precision in grouped.items():
-        row = [f"{h:g}", unknown]
-        for precision in PRECISIONS:
-            sizes = by_precision[precision].scaled, by_precision[precision].physical
-            row += ["" if size is None else _size(size) for size in sizes]
-        rows.append(row)
+    grouped: dict[tuple[float, str], list[float | None]] = {}
+    for one in advice.tolerances:
+        grouped.setdefault((one.h, one.unknown), []).extend((one.scaled, one.physical))
+    for (h, unknown), sizes in grouped.items():
+        rows.append([f"{h:g}", unknown, *map(_size, sizes)])
     return rows
 
 
-def _size(size: float) -> str:
+def _size(size: float | None) -> str:
+    if size is None:
+        return ""
     return "not predicted" if math.isnan(size) else f"{size:.2g}"
 
 
