@@ -388,8 +388,10 @@ def become(command, folder, environment, session, ignored, address):
     os.chdir(folder)
     if not session:  # which a fork of another process cannot join
         apart._context = Forking(address)
-    if encoding := environment.get("PYTHONIOENCODING"):  # Python reads it as it starts
-        sys.stdout.reconfigure(encoding=encoding)
+    # As Python does when it starts, of what this process has now.
+    encoding = environment.get("PYTHONIOENCODING") or sys.stdout.encoding
+    sys.stdout = open(1, "w", encoding=encoding, closefd=False)  # noqa: SIM115
+    sys.stderr = open(2, "w", 1, encoding=sys.stderr.encoding, closefd=False)  # noqa: SIM115
     sys.argv = command
     paths = environment.get("PYTHONPATH", "").split(os.pathsep)
     sys.path[0:1] = [str(Path(command[0]).parent), *filter(None, paths)]

@@ -371,9 +371,7 @@ def commands_page() -> str:
             ("1", "a check failed, a cell did not end well, a file is not what was written, or a "
                   "verdict changed"),
             ("2", "bad input: a line on stderr for each mistake, with file, line and key"),
-            ("70", "an error of the program itself; one line says where its traceback was kept, "
-                   "and `NEWMARK_STUDY_DEBUG=1` prints it"),
-            ("130", "interrupted by Ctrl-C"),
+            ("70", "an error of the program itself; its traceback is printed"),
             ("141", "nobody reads the output any more"),
             ("143", "ended by SIGTERM"),
         ),

@@ -5,6 +5,9 @@ from collections.abc import Sequence
 
 from newmark_cli.support import interrupts
 
+#: Exit code of an error of the program itself, as in sysexits.h; 1 means a failed check.
+_INTERNAL = 70
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the console script: runs a command and exits with its code.
@@ -16,23 +19,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     own_process = arguments is None
     if own_process:
         interrupts.catch()
-    code = _code(arguments, own_process)
+    try:
+        from newmark_cli.cli import commands
+
+        if own_process:
+            commands.prepare()
+        code = commands.run(sys.argv[1:] if arguments is None else arguments)
+    except BaseException as error:
+        import traceback
+
+        from newmark_cli.support.errors import described, visible_lines
+
+        trace = visible_lines("".join(traceback.format_exception(error)))
+        print(
+            f"{trace}newmark-study: internal error: {described(error)}; please report this, with "
+            "the lines above",
+            file=sys.stderr,
+        )
+        code = _INTERNAL
     if own_process:
         interrupts.ignore()
     sys.exit(code)
-
-
-def _code(arguments: Sequence[str] | None, own_process: bool) -> int:
-    """Run a command, whatever goes wrong; its exit code."""
-    try:
-        if own_process:
-            from newmark_cli.cli import streams
-
-            streams.prepare()
-        from newmark_cli.cli.commands import run
-
-        return run(arguments)
-    except BaseException as error:
-        from newmark_cli.cli import last_resort
-
-        return last_resort.report(error)

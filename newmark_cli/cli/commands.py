@@ -3,64 +3,37 @@
 Everything heavy is imported inside the commands, so that ``--help`` is quick.
 """
 
-import contextlib
+import errno
 import os
 import sys
-from collections.abc import Iterator, Sequence
+import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import click
+from click.shell_completion import shell_complete
 
 from newmark_cli import __version__
-from newmark_cli.cli import (
-    advising,
-    inspecting,
-    judging,
-    last_resort,
-    results,
-    running,
-    screen,
-)
-from newmark_cli.cli.streams import UNREAD, OutputError
+from newmark_cli.cli import advising, inspecting, judging, results, running, screen
 from newmark_cli.support import compiling
 from newmark_cli.support.errors import ExecutorError, InputError
 from newmark_cli.support.retired import RETIRED
 from newmark_cli.support.spelling import nearest
 
-
-class _Interrupted(BaseException):
-    """A `KeyboardInterrupt` hidden from click, which would print an empty line."""
+_NAME, _COMPLETE = "newmark-study", "_NEWMARK_STUDY_COMPLETE"
+#: Exit code where nobody reads the output any more, like that of other tools in a pipe.
+_UNREAD = 141
 
 
 class _Commands(click.Group):
-    def make_context(self, *arguments: Any, **more: Any) -> click.Context:
-        with _past_click():
-            return super().make_context(*arguments, **more)
-
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if not (ctx.resilient_parsing or args[0].startswith("-") or args[0] in self.commands):
             raise click.UsageError(f"No such command {args[0]!r}{nearest(args[0], self.commands)}")
         return super().resolve_command(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> Any:
-        with _past_click(), last_resort.watching():
-            return super().invoke(ctx)
-
-
-@contextlib.contextmanager
-def _past_click() -> Iterator[None]:
-    """Hide errors for which click has answers of its own."""
-    try:
-        yield
-    except KeyboardInterrupt as interrupt:
-        raise _Interrupted from interrupt
-    # Of a prompt and of stdout, click believes; and to exit is not for what a command calls.
-    except (EOFError, BrokenPipeError, SystemExit) as error:
-        raise RuntimeError(f"{type(error).__name__}: {error}") from error
-
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="newmark-study")
+@click.version_option(__version__, prog_name=_NAME)
 def cli() -> None:
     """Study what small time steps do to Newmark integration of constrained mechanisms.
 
@@ -94,7 +67,17 @@ for command in (
     cli.add_command(command)
 
 
-def run(arguments: Sequence[str] | None) -> int:
+def prepare() -> None:
+    """Have streams that take any text, and warnings as lines; for a process of its own."""
+    for name in ("stdout", "stderr"):
+        if (stream := getattr(sys, name)) is not None:
+            stream.reconfigure(errors="backslashreplace")
+        else:  # closed; the next file that is opened would be in its place
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+    warnings.showwarning = lambda message, *rest: screen.complain(f"warning: {message}")
+
+
+def run(arguments: Sequence[str]) -> int:
     """Run a command; its exit code, with a line on stderr where it went wrong."""
     # Cells run side by side: a BLAS with threads of its own would only be in the way.
     for library in ("OPENBLAS", "MKL", "OMP"):
@@ -102,12 +85,14 @@ def run(arguments: Sequence[str] | None) -> int:
     if sys.stderr.isatty():
         compiling.tell(screen.note)
     try:
-        code = int(cli.main(arguments, prog_name="newmark-study", standalone_mode=False) or 0)
-        sys.stdout.flush()
-        return code
-    except SystemExit as ending:  # completion has said what it has to say
-        return int(ending.code or 0)
-    except (Exception, _Interrupted) as error:
+        # Not `cli.main`, which takes errors of what a command calls for those of a prompt.
+        if instruction := os.environ.get(_COMPLETE):
+            return shell_complete(cli, {}, _NAME, _COMPLETE, instruction)
+        with cli.make_context(_NAME, [*arguments]) as context:
+            return int(cli.invoke(context) or 0)
+    except click.exceptions.Exit as ending:
+        return ending.exit_code
+    except (Exception, KeyboardInterrupt) as error:
         return _exit_code(error)
 
 
@@ -128,15 +113,22 @@ def _exit_code(error: BaseException) -> int:
                 f"{error}; finished cells are cached, run the same command again to continue"
             )
             return 1
-        case OutputError():
-            if error.unread:
-                return UNREAD
-            screen.complain(str(error))
+        case BrokenPipeError():
+            _drop_output()
+            return _UNREAD
         case OSError() if error.filename is not None:
             screen.complain(f"{error.filename}: {error.strerror or error}")
-        case click.Abort() | _Interrupted():
+        case OSError() if error.errno == errno.ENOSPC:
+            _drop_output()
+            screen.complain(f"standard output: {error.strerror}")
+        case click.Abort() | KeyboardInterrupt():
             screen.complain("interrupted")
             return 130
         case _:
             raise error
     return 2
+
+
+def _drop_output() -> None:
+    """What cannot be written to stdout must not be tried again when Python ends."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
