@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.external.judging import Judged, judge
-    from newmark_cli.library.marching import Steps, march, steps
+    from newmark_cli.library.marching import march, steps
     from newmark_cli.library.problems import dae, problem
     from newmark_cli.library.scalings import Factors, scaling
+    from newmark_cli.library.stepping import Steps
     from newmark_cli.library.studies import plot, run, slopes, trajectories
     from newmark_cli.library.systems import linear_systems
     from newmark_cli.newmark.floor import Floor
@@ -56,7 +57,7 @@ _HOMES = {
     "ProblemError": "problems.problem",
     "ScalingError": "newmark.scaling",
     "Step": "newmark.trajectory",
-    "Steps": "library.marching",
+    "Steps": "library.stepping",
     "Trajectory": "newmark.trajectory",
     "advise": "advice.advising",
     "advise_jacobian": "advice.jacobians",

@@ -13,7 +13,7 @@ from newmark_cli.advice.diagnosing import ALL, SPREAD, Tests, diagnosed, largest
 from newmark_cli.advice.linearised import Subject, require_fit, subject_of
 from newmark_cli.advice.text import plain, sections
 from newmark_cli.library import arguments
-from newmark_cli.library.marching import FEWEST, march, unstable
+from newmark_cli.library.marching import march
 from newmark_cli.library.scalings import (
     Factors,
     formulation_of,
@@ -23,6 +23,7 @@ from newmark_cli.library.scalings import (
 from newmark_cli.library.scalings import (
     scaling as factors_of,
 )
+from newmark_cli.library.stepping import FEWEST, unstable
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes, equilibrium
 from newmark_cli.newmark.floor import Floor, unpredicted
 from newmark_cli.newmark.forms import FORMS, INDEX_3

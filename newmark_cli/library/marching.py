@@ -1,17 +1,14 @@
-"""Marches for notebooks: `march`, and a march that is stepped."""
+"""Marches for notebooks: `march` and `steps`, from arguments to steps that are taken."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import partial
-from itertools import chain, count
+from dataclasses import replace
+from itertools import count
 from typing import Any, Literal, TypedDict, Unpack, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from newmark_cli.library import arguments
+from newmark_cli.library import arguments, continuing
 from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.library.scalings import (
     integrator_of,
@@ -21,165 +18,36 @@ from newmark_cli.library.scalings import (
     sequence_of,
     tolerance_of,
 )
+from newmark_cli.library.stepping import MOST_BYTES, Steps, room, taken
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
-    RECOVERED,
     REPORTED,
     STARTS,
-    Formulation,
-    Projection,
     reported,
 )
-from newmark_cli.newmark.gaps import GapWatch
 from newmark_cli.newmark.integrator import AUXILIARY, RESCALE_VELOCITY
-from newmark_cli.newmark.invariants import UNSTABLE
 from newmark_cli.newmark.kept import KEPT, first_outside
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
-from newmark_cli.newmark.trajectory import Recorder, Step, Trajectory, enforced_by
+from newmark_cli.newmark.trajectory import Step, Trajectory
 from newmark_cli.newmark.twins import twins as twins_of
 from newmark_cli.problems import starting
-from newmark_cli.problems.algebra import product
-from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import Problem, ProblemError, is_beyond
+from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import fitting
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError, warn
 
-#: Most memory that a trajectory may take (bytes).
-MOST_BYTES = 1_000_000_000
 #: More steps than a float can count must be a typo.
 _MOST_STEPS = 2**53
-
 #: Part of a step by which t_end may miss its end.
 _SAME_STEP = 1e-9
-#: Step sizes that differ by less, relative to their size, are the same.
-_SAME_H = 1e-12
-#: Units of rounding that a state may miss constraints by: 1.4 are the most where they are
-#: enforced, 30 the least where they are not and h is 1e-4 of the time of the march.
-_ROUNDING = 10.0
-#: Part of the rounding of u that velocities have in compensated evaluation, at most.
-_COMPENSATED = 1e-3
 #: Attributes of a scheme that are checked against each other and the problem.
 _OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
 #: Part of accelerations at the start that rounding may change unmentioned.
 _NOISY = 1e-2
-#: Fewest states of a trajectory that tell of its energy, and how many are looked at.
-FEWEST, _LOOKS = 20, 200
-#: In place of zero.
-_TINY = np.finfo(float).tiny
-
-
-class Steps(Iterator[Step]):
-    """A march that is stepped: every ``next`` takes it to the next step that is kept.
-
-    ``march(..., steps=True)`` and `steps` return one.
-
-    Attributes:
-        problem: What is marched, with its start.
-
-    Examples:
-        What was seen is there after a ``break``, an exception, or an interrupt:
-
-        >>> import newmark_cli as newmark
-        >>> stepped = newmark.march("pendulum", h=1e-2, steps=True)
-        >>> for step in stepped:
-        ...     if step.v[1] > 0:
-        ...         break
-        >>> stepped.trajectory
-        Trajectory(pendulum, status='stopped', steps=186, h=0.01, kept=187)
-    """
-
-    def __init__(self, recorder: Recorder, halts: Iterator[int], bounded: int) -> None:
-        """Not for callers; see `march`."""
-        self.problem = recorder.march.problem
-        self._recorder, self._halts, self._room = recorder, halts, bounded
-        self._over = False
-
-    def __next__(self) -> Step:
-        recorder, march = self._recorder, self._recorder.march
-        halt = next(self._halts, None) if not self._over else None
-        if halt is None:
-            self._over = True
-            raise StopIteration
-        self._room -= 1
-        if self._room < 0:
-            raise ArgumentError(
-                f"the steps kept so far take {MOST_BYTES:g} bytes; step with every=k, or keep "
-                'less: keep=("u",)'
-            )
-        before = march.done
-        with _partial(recorder):
-            for stretch in march.stretches(halt, recorder.stops(halt)):
-                recorder.took(stretch)
-                if recorder.reason:
-                    break
-        self._over = recorder.over
-        recorder.keep_here()
-        if self._over and march.done == before:
-            raise StopIteration
-        return recorder.here
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The steps kept so far; usable at any time."""
-        return self._recorder.trajectory("" if self._over else "stopped")
-
-
-@contextmanager
-def _partial(recorder: Recorder) -> Iterator[None]:
-    """An exception of the block, Ctrl-C included, carries what was kept so far."""
-    try:
-        yield
-    except BaseException as error:
-        recorder.keep_here()
-        with suppress(AttributeError):
-            error.trajectory = recorder.trajectory("interrupted")  # type: ignore[attr-defined]
-        error.add_note("its attribute 'trajectory' has what was marched until then")
-        raise
-
-
-@dataclass(frozen=True)
-class _Begun:
-    """A march that is about to go on.
-
-    Attributes:
-        march: Where it begins.
-        origin: Time from which ``t_end`` counts (s).
-    """
-
-    march: March
-    origin: float
-
-    def __post_init__(self) -> None:
-        if not all(np.all(np.isfinite(array)) for array in self.march.state):
-            name = self.march.problem.name
-            raise ProblemError(f"{name}: the start leads to numbers that are not finite")
-
-    def until(self, t_end: float) -> int:
-        """Step of the march at which it has come to a time since the origin."""
-        march, grid = self.march, self.march.grid
-        elapsed = grid.t0 - self.origin
-        last = grid.until(t_end - elapsed) if t_end > elapsed else 0
-        if grid.sizes is not None and last == len(grid.sizes):
-            # Whole steps up to t_end, as many as there would be if sizes went on like the last.
-            missing = self.origin + t_end - grid.t(last)
-            if missing >= grid.size(last) * (1 - _SAME_STEP):
-                raise ArgumentError(
-                    f"t_end: h has the sizes of {last} steps, which end {missing:g} s before it, "
-                    f"given {t_end:g}"
-                )
-        if last <= march.done:
-            why = (
-                f"shorter than the step h = {grid.size(1):g}"
-                if march.t == self.origin
-                else (f"the march is already at t = {march.t:g}")
-            )
-            raise ArgumentError(f"t_end: {why}, given {t_end:g}")
-        return last
 
 
 class Options(TypedDict, total=False):
@@ -405,27 +273,22 @@ def march(
     asked = None if stepped else steps
     if sizes is not None and t_end is None and asked is None and at is None:
         asked = len(sizes)
-    begun = _begin(subject, original.t0, scheme, linear_solver, krylov, state, grid)
+    begun = continuing.begun(subject, scheme, linear_solver, krylov, state, grid)
     _require_callback(callback, at, stepped)
-    last = _last(begun, t_end, asked, at, stepped)
-    _require_reachable(original, begun.march.grid, sizes, last)
+    last = _last(begun, original.t0, t_end, asked, at, stepped)
+    _require_reachable(original, begun.grid, sizes, last)
     if sizes is not None:
-        _warn_of_short_steps(begun.march, float(sizes[:last].min()))
-    taken: Callable[[_Begun], Trajectory | Steps]
-    if at is not None:
-        taken = partial(_marched_at, last=last, at=at, every=every, keep=keep, callback=callback)
-    else:
-        every = int(bool(keep) or stepped) if every is None else arguments.count("every", every)
-        taken = partial(
-            _marched, last=last, every=every, keep=keep, callback=callback, stepped=stepped
-        )
+        _warn_of_short_steps(begun, float(sizes[:last].min()))
+    looks, ends = _looks(begun, last, every, at, keep, stepped)
     if not arguments.count("twins", twins):
-        return taken(begun)
+        return taken(begun, last, looks, keep, callback, stepped, ends)
     if stepped or callback is not None or state is not None:
         raise ArgumentError("twins: not with steps=True, callback or state")
-    others = twins_of(subject, scheme, twins, linear_solver, krylov, grid)
-    marched = [cast(Trajectory, taken(_Begun(other, original.t0))) for other in others]
-    return replace(cast(Trajectory, taken(begun)), twins=marched)
+    marched = []
+    for other in (*twins_of(subject, scheme, twins, linear_solver, krylov, grid), begun):
+        continuing.require_finite(other)
+        marched.append(cast(Trajectory, taken(other, last, looks, keep, None, False, ends)))
+    return replace(marched[-1], twins=marched[:-1])
 
 
 def steps(
@@ -455,9 +318,6 @@ def steps(
     """
     stepping: Steps = march(problem, h=h, t_end=t_end, steps=True, **options)
     return stepping
-
-
-# -- what a march is made of ------------------------------------------------------------------
 
 
 def _require_fit(
@@ -539,78 +399,6 @@ def _count(h: float, sequence: StepSequence, t_end: Any, steps: Any, since: floa
     return arguments.count("steps", steps)
 
 
-def _begin(
-    problem: Problem,
-    origin: float,
-    scheme: Scheme,
-    linear_solver: str,
-    krylov: Krylov | None,
-    state: Step | None,
-    grid: TimeGrid | None,
-) -> _Begun:
-    """The march at its start, or at the step that it goes on from."""
-    how = (scheme, linear_solver, krylov)
-    try:
-        if state is None:
-            return _Begun(March(problem, *how, grid=grid), origin)
-        carried, kept = state.carried, state.carried.state
-        _warn_of_loss(problem, scheme, state)
-        if carried.enforced != enforced_by(scheme):
-            # The residuals of the constraints were not carried along.
-            system = Index1(problem)
-            phi = problem.constraint_values(state.t, state.u)
-            psi, unknown = system.rate(state.t, state.u, state.v), np.zeros_like(kept.rates)
-            kept = kept._replace(phi=phi, psi=psi, rates=unknown)
-        if grid is None and _same_steps(state, scheme):
-            there = replace(problem, t0=carried.t0)
-            return _Begun(March(there, *how, state=kept, done=carried.done), origin)
-        sizes = None if grid is None else grid.sizes
-        before: tuple[float, float] | None = (carried.h, carried.before)
-        if carried.integrator != scheme.integrator.label:
-            fields = kept.fields[[0, 1, 3, 3]].astype(float)
-            kept = kept._replace(
-                fields=fields,
-                past=product(scheme.relations.start, fields[:3]),
-                rates=np.zeros_like(kept.rates),
-                offsets=np.zeros_like(kept.offsets),
-            )
-            before = None
-        grid = TimeGrid(state.t, scheme.h, sizes, before)
-        march = March(replace(problem, t0=state.t), *how, state=kept, grid=grid)
-        march.earlier = carried.steps
-        return _Begun(march, origin)
-    except np.linalg.LinAlgError as error:
-        raise ProblemError(
-            f"{problem.name}: accelerations at the start are not determined: {error}"
-        ) from None
-
-
-def _same_steps(state: Step, scheme: Scheme) -> bool:
-    """Whether a state was made with this integrator and, but for rounding, this h."""
-    h, integrator = state.carried.h, state.carried.integrator
-    return math.isclose(h, scheme.h, rel_tol=_SAME_H) and integrator == scheme.integrator.label
-
-
-def _warn_of_loss(problem: Problem, scheme: Scheme, state: Step) -> None:
-    """Warn where multipliers lose their order after a state marched with other settings."""
-    if not _loses(problem, scheme, state):
-        return
-    carried = state.carried
-    settings = (
-        ("h =", repr(carried.h), repr(scheme.h)),
-        ("integrator", carried.integrator, scheme.integrator.label),
-        ("formulation and projection", carried.enforced, enforced_by(scheme)),
-    )
-    differences = "; ".join(f"{key} {old}, here {new}" for key, old, new in settings if old != new)
-    way_out = "take projection='velocity', or formulation='index-2' in both marches"
-    if scheme.projection.level:
-        way_out = "leave multipliers='auto'"
-    warn(
-        f"state: made with {differences}: λ loses its order of accuracy, because the state does "
-        f"not meet the constraints as steps of this march leave them; {way_out}"
-    )
-
-
 def _warn_of_short_steps(march: March, shortest: float) -> None:
     """Warn of λ and v' of steps that are so short beside others that they are rounding."""
     u, v, _, a = march.here.fields
@@ -624,76 +412,14 @@ def _warn_of_short_steps(march: March, shortest: float) -> None:
         )
 
 
-def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
-    """Whether multipliers lose their order behind a state.
-
-    Index 3 leaves Gᵀv + Φ_t = c h², c being the integrator's, and takes what it starts from
-    for the same: from another h, unless that is scaled, λ is off by O(h), and without damping
-    by O(1) for good.
-    Likewise rows that ask for Φ, or for its rate, put right in one step what others have let
-    drift.  Nothing is lost by rows that let them drift on, or where velocities are projected
-    and λ is recovered from them.
-    """
-    carried, projects = state.carried, scheme.projection.level
-    formulation, _, projection = carried.enforced.partition(", ")
-    previous, projected = Formulation.parse(formulation), Projection.parse(projection).level
-    # A penalty enforces what index 3 does.
-    alike = carried.enforced == enforced_by(scheme) or (
-        {previous.method, scheme.formulation.method} <= {INDEX_3, "augmented-lagrangian"}
-        and not (projected or projects)
-    )
-    same = carried.integrator == scheme.integrator.label
-    if alike and same and (scheme.across or _same_steps(state, scheme)):
-        return False
-    rows, recovered = scheme.formulation.kind.rows, scheme.reported == RECOVERED
-    drifts = rows in (("Ca",), ("B",)) and not scheme.formulation.scheduled
-    if recovered if projects else drifts:
-        return False
-    asks_position, asks_rate = bool(projects) or rows != ("Cv",), not recovered
-    keeps_position, keeps_rate = _keeps(previous, projected)
-    of_position, of_rate = _misfits(problem, state)
-    return (
-        (asks_position and not keeps_position and of_position > _ROUNDING)
-        or (asks_rate and not keeps_rate and of_rate > _ROUNDING)
-        or bool(projects and np.any(carried.state.impulse))
-    )
-
-
-def _keeps(formulation: Formulation, projected: int) -> tuple[bool, bool]:
-    """Whether a march leaves its states on Φ = 0, and on Φ' = 0."""
-    kind = formulation.kind
-    return projected == 2 or "C" in kind.rows or kind.penalised, projected > 0 or "Cv" in kind.rows
-
-
-def _misfits(problem: Problem, state: Step) -> tuple[float, float]:
-    """What a state misses of Φ = 0 and of Gᵀv + Φ_t = 0, in units of what rounding leaves.
-
-    Rounding leaves distances of eps |u|, and velocities of eps |v| and, but in compensated
-    evaluation, eps |u|/h.
-    """
-    kept, t = state.carried.state, state.t
-    u, v = kept.fields[:2].astype(float)
-    values = problem.values(t, u, v, np.zeros(problem.m)).g
-    lengths = np.sqrt(np.bincount(problem.pattern.g_columns, values**2, minlength=problem.m))
-    eps = np.finfo(kept.fields.dtype).eps
-    of_u, of_v = eps * np.abs(u).max(), eps * np.abs(v).max()
-    of_v += of_u / state.carried.h * (_COMPENSATED if np.any(kept.lows) else 1.0)
-
-    def worst(missed: Array, unit: float) -> float:
-        with np.errstate(over="ignore"):
-            return float(np.max(np.abs(missed) / np.maximum(lengths * unit, _TINY), initial=0.0))
-
-    phi = problem.constraint_values(t, u)
-    return worst(phi, of_u), worst(Index1(problem).rate(t, u, v), of_v)
-
-
-def _last(begun: _Begun, t_end: Any, steps: Any, at: Any, stepped: bool) -> int | None:
-    """Step at which the march ends; None for one without end."""
-    march = begun.march
+def _last(
+    march: March, origin: float, t_end: Any, steps: Any, at: Any, stepped: bool
+) -> int | None:
+    """Step at which the march ends; None for one without end. ``t_end`` counts from the origin."""
     if t_end is not None and steps is not None:
         raise ArgumentError("t_end or steps: give one of them, not both")
     if t_end is not None:
-        return begun.until(arguments.positive("t_end", t_end, " of seconds"))
+        return _until(march, origin, arguments.positive("t_end", t_end, " of seconds"))
     if steps is not None:
         return march.done + arguments.count("steps", steps)
     if at is not None:
@@ -706,138 +432,59 @@ def _last(begun: _Begun, t_end: Any, steps: Any, at: Any, stepped: bool) -> int 
     raise ArgumentError("t_end or steps: give one of them")
 
 
-def _room(march: March, keep: Sequence[str]) -> int:
-    """Steps that may be kept."""
-    widths = sum(march.problem.m if name == "lambda" else march.problem.n for name in keep)
-    return MOST_BYTES // (8 * (widths + 2))
-
-
-def _require_room(march: March, kept: int, keep: Sequence[str], way_out: str) -> None:
-    if kept > (room := _room(march, keep)):
-        raise ArgumentError(
-            f"{kept} steps to keep take more than {MOST_BYTES:g} bytes of memory, at most {room}; "
-            f"{way_out}"
+def _until(march: March, origin: float, t_end: float) -> int:
+    """Step at which a march has come to a time since the origin."""
+    grid = march.grid
+    elapsed = grid.t0 - origin
+    last = grid.until(t_end - elapsed) if t_end > elapsed else 0
+    if grid.sizes is not None and last == len(grid.sizes):
+        # Whole steps up to t_end, as many as there would be if sizes went on like the last.
+        missing = origin + t_end - grid.t(last)
+        if missing >= grid.size(last) * (1 - _SAME_STEP):
+            raise ArgumentError(
+                f"t_end: h has the sizes of {last} steps, which end {missing:g} s before it, "
+                f"given {t_end:g}"
+            )
+    if last <= march.done:
+        why = (
+            f"shorter than the step h = {grid.size(1):g}"
+            if march.t == origin
+            else f"the march is already at t = {march.t:g}"
         )
+        raise ArgumentError(f"t_end: {why}, given {t_end:g}")
+    return last
 
 
-def _marched(
-    begun: _Begun,
-    last: int | None,
-    every: int,
-    keep: tuple[str, ...],
-    callback: Callable[[Step], object] | None,
-    stepped: bool,
-) -> Trajectory | Steps:
-    """Keep the start, every so many steps, and the last; with 0 only the last."""
-    march = begun.march
+def _looks(
+    march: March, last: int | None, every: Any, at: Any, keep: Sequence[str], stepped: bool
+) -> tuple[Sequence[int] | Iterator[int], tuple[bool, bool]]:
+    """Steps to keep after the first, and whether the first and the last are kept."""
+    if at is not None:
+        assert last is not None
+        if every is not None:
+            raise ArgumentError("give either every or at, not both")
+        times, end = arguments.vector("at", at), march.grid.t(last)
+        if (time := first_outside(times.tolist(), march.t, end, march.grid.h)) is not None:
+            raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
+        nearest = march.grid.nearest(times, march.done, last).tolist()
+        _require_room(march, len(nearest), keep, "give fewer times")
+        first = bool(nearest) and nearest[0] == march.done
+        return nearest[first:], (first, False)
+    every = int(bool(keep) or stepped) if every is None else arguments.count("every", every)
     if stepped and every == 0:
         raise ArgumentError("every must be at least 1 with steps=True, given 0")
-    watch = GapWatch(march.problem, last, march.done)
     if last is None:
-        recorder = Recorder(march, keep, watch=watch)
-        recorder.keep_here()
-        return Steps(recorder, count(march.done + every, every), _room(march, keep))
+        return count(march.done + every, every), (True, False)
     looks = range(march.done + every, last, every) if every else range(0)
     kept = len(looks) + 2
     parts = -(-8 * kept * (3 * march.problem.n + march.problem.m + 2) // MOST_BYTES)
     _require_room(march, kept, keep, f"keep every k-th: every={max(every, 1) * (parts + 1)}")
-    recorder = Recorder(march, keep, kept, watch)
-    if every:
-        recorder.keep_here()
-    if stepped or callback is not None:
-        halts = chain(looks, [last] if last > march.done else [])
-        stepping = Steps(recorder, halts, kept)
-        return stepping if stepped else _called(stepping, callback)
-    return _recorded(recorder, last, looks)
+    return looks, (every > 0, True)
 
 
-def _recorded(recorder: Recorder, last: int, looks: Sequence[int], end: bool = True) -> Trajectory:
-    with _partial(recorder):
-        for stretch in recorder.march.stretches(last, recorder.stops(last), looks):
-            recorder.took(stretch)
-            if recorder.over:
-                break
-    if end:
-        recorder.keep_here()
-    trajectory = recorder.trajectory()
-    if told := unstable(trajectory):
-        warn(told)
-    return trajectory
-
-
-def unstable(trajectory: Trajectory) -> str:
-    """What tells that a march is unstable: kinetic energy that comes from nowhere; mostly empty.
-
-    At some states, as a motion has little of either where it turns.
-    """
-    problem, last = trajectory.problem, len(trajectory.t) - 1
-    if (
-        problem.potential is None
-        or last < FEWEST
-        or trajectory.status not in ("ok", "not_converged")
-    ):
-        return ""
-    if not (trajectory.u.size and trajectory.v.size):
-        return ""  # not kept
-
-    def energies(k: int) -> tuple[float, float]:
-        at = float(trajectory.t[k]), trajectory.u[k], trajectory.v[k]
-        return problem.energies(*at) or (math.nan, math.nan)
-
-    (began, level), (ended, level_now) = energies(0), energies(last)
-    if not ended > UNSTABLE * (began + abs(level_now - level)):
-        return ""  # as nearly always: no need to look at the way
-    places = np.unique(np.linspace(0, last, _LOOKS).round().astype(int)).tolist()
-    kinetic, potential = np.array([energies(k) for k in places]).T
-    there = kinetic[0] + np.abs(potential - potential[0]).max()
-    if not kinetic[-1] > UNSTABLE * there > 0:
-        return ""
-    return (
-        f"{problem.name}: the kinetic energy at the end, {kinetic[-1]:.3g} J, is "
-        f"{kinetic[-1] / there:.3g} times what there was and what the potential can give: the "
-        "march is unstable; take index 2, GGL, a velocity projection, or damping at a smaller h"
-    )
-
-
-def _called(stepping: Steps, callback: Callable[[Step], object] | None) -> Trajectory:
-    assert callback is not None
-    recorder = stepping._recorder
-    for step in stepping:
-        try:
-            with _partial(recorder):
-                callback(step)
-        except StopIteration:
-            return recorder.trajectory("stopped")
-    return stepping.trajectory
-
-
-def _marched_at(
-    begun: _Begun,
-    last: int | None,
-    at: Any,
-    every: int | None,
-    keep: tuple[str, ...],
-    callback: Callable[[Step], object] | None,
-) -> Trajectory:
-    """Keep the steps nearest to some times."""
-    assert last is not None
-    if every is not None:
-        raise ArgumentError("give either every or at, not both")
-    march, times = begun.march, arguments.vector("at", at)
-    end = march.grid.t(last)
-    if (time := first_outside(times.tolist(), march.t, end, march.grid.h)) is not None:
-        raise ArgumentError(f"at: {time:g} s is outside the march, {march.t:g} to {end:g} s")
-    nearest = march.grid.nearest(times, march.done, last)
-    _require_room(march, len(nearest), keep, "give fewer times")
-    watch = GapWatch(march.problem, last, march.done)
-    recorder = Recorder(march, keep, len(nearest), watch)
-    looks = nearest.tolist()
-    if looks and looks[0] == march.done:
-        recorder.keep_here()
-        looks = looks[1:]
-    if callback is None:
-        return _recorded(recorder, last, looks, end=False)
-    trajectory = _called(Steps(recorder, iter(looks), len(looks)), callback)
-    if trajectory.status in ("ok", "not_converged") and march.done < last:
-        return _recorded(recorder, last, (), end=False)
-    return trajectory
+def _require_room(march: March, kept: int, keep: Sequence[str], way_out: str) -> None:
+    if kept > (most := room(march, keep)):
+        raise ArgumentError(
+            f"{kept} steps to keep take more than {MOST_BYTES:g} bytes of memory, at most {most}; "
+            f"{way_out}"
+        )
