@@ -165,7 +165,7 @@ def _residuals(about: Subject, schemes: Mapping[float, Scheme]) -> dict[float, t
     """
     left_over = {}
     for h, scheme in schemes.items():
-        terms = about.jacobian(scheme, typical=True) * about.unknowns(scheme)
+        terms = about.jacobian(scheme, about.typical) * about.unknowns(scheme, about.typical)
         sizes = ROUNDING * np.finfo(scheme.dtype).eps * np.sqrt(2 * np.sum(terms**2, axis=1))
         left, _ = scaling_factors(scheme, about.n, about.m)
         left_over[h] = float(np.linalg.norm(sizes)), float(np.linalg.norm(left * sizes))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.advice.linearised import MOST_UNKNOWNS, within_range
+from newmark_cli.advice.linearised import MOST_UNKNOWNS
 from newmark_cli.advice.text import plain, titled
 from newmark_cli.library import arguments
 from newmark_cli.library.scalings import integrator_or_newmark
@@ -168,8 +168,7 @@ def advise_jacobian(
             raise MatrixError(
                 f"{where} must be {sum(counts)} by {sum(counts)}, as its blocks are, given {shape}"
             )
-        jacobians[where] = within_range(matrix, where)
-        if _is_inverse(jacobians[where], counts):
+        if _is_inverse(matrix, counts):
             raise MatrixError(
                 f"{where} is the inverse of a Jacobian: its own inverse has zeros in row C, column "
                 "lambda; give the Jacobian: invert it, or export it before it is factorized"

@@ -41,10 +41,6 @@ _STATES, _STEPS_BETWEEN = 15, 40
 #: Times its own size that a problem moves while it is looked at: most have then passed the
 #: positions that are worst for rounding.
 _MOTIONS = 3
-#: Largest entry of a matrix; the largest of a row or column is 0, or its reciprocal at least.
-_FARTHEST = 1e60
-#: Entries below this times the largest of their row and of their column count as zeros.
-_NOTHING = 1e-40
 #: Steps that are taken anew at each state, for a floor and for one that is only compared.
 _SAMPLES, _ROUGHLY = 8, 2
 #: Factor on them where there is one state; stride over states for what is only compared.
@@ -94,11 +90,6 @@ class Subject:
         """Number of constraints."""
         return self.problem.m
 
-    @property
-    def quadratic(self) -> bool | None:
-        """Whether Φ is at most quadratic in u without t; None where nobody knows."""
-        return None if self.of_matrices else self.problem.quadratic
-
     @cached_property
     def _accelerations(self) -> Sequence[tuple[Array, Array]]:
         return self.known or [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
@@ -118,17 +109,13 @@ class Subject:
         return self.problem.M, terms.X, terms.Y, terms.G
 
     @cached_property
-    def _typical(self) -> int:
+    def typical(self) -> int:
         """State where ‖λ‖ is nearest to its root mean square."""
         sizes = [np.linalg.norm(x) for _, x in self._accelerations]
         return int(np.argmin(np.abs(np.array(sizes) - (self.multipliers or 0.0))))
 
-    def jacobian(self, scheme: Scheme, typical: bool = False) -> Array:
-        """J, unscaled, at the first state, or where ‖λ‖ is typical."""
-        require_fit(self, scheme.formulation, scheme.evaluation)
-        return self._jacobian(scheme, self._typical if typical else 0)
-
-    def _jacobian(self, scheme: Scheme, place: int) -> Array:
+    def jacobian(self, scheme: Scheme, place: int = 0) -> Array:
+        """J, unscaled, at one of the states."""
         at, (a, multipliers) = self.states[place], self._accelerations[place]
         system = Jacobian(at, scheme)
         values = at.values(at.t0, at.u0, at.v0, multipliers)
@@ -137,16 +124,18 @@ class Subject:
             tangents = system.constraining.tangents_at(at.t0, at.u0, at.v0, a)
         return system.dense(system.entries(values, tangents))
 
-    def unknowns(self, scheme: Scheme) -> Array:
-        """Unknowns where ‖λ‖ is typical."""
-        at, (a, multipliers) = self.states[self._typical], self._accelerations[self._typical]
-        return _unknowns(scheme, (at.u0, at.v0, a), multipliers)
+    def unknowns(self, scheme: Scheme, place: int) -> Array:
+        """One of the states as the unknowns that a form keeps; η is 0."""
+        at, (a, multipliers) = self.states[place], self._accelerations[place]
+        known = {**dict(zip(FIELDS, (at.u0, at.v0, a), strict=True)), "lambda": multipliers}
+        parts = zip(scheme.form.solved, scheme.form.sizes(self.n, self.m), strict=True)
+        return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
 
     def multiplier_noise(self, scheme: Scheme) -> float:
         """Rms over the states of the noise of ‖λ‖ in one step of the (u, λ) form."""
         noise = [
             multiplier_noise(
-                self._jacobian(scheme, place),
+                self.jacobian(scheme, place),
                 scheme,
                 violations(at, scheme, at.t0, at.u0, at.v0),
             )
@@ -176,15 +165,6 @@ class Subject:
         return State(*(part.astype(scheme.dtype) for part in parts))
 
 
-def _unknowns(scheme: Scheme, fields: Sequence[Array], multipliers: Array) -> Array:
-    """The state as the unknowns that a form keeps; η is 0."""
-    n, m = len(fields[0]), len(multipliers)
-    known = {**dict(zip(FIELDS, fields, strict=True)), "lambda": multipliers}
-    sizes = scheme.form.sizes(n, m)
-    parts = zip(scheme.form.solved, sizes, strict=True)
-    return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
-
-
 def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> None:
     """Refuse what nothing can be said of.
 
@@ -197,7 +177,7 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
             f"formulation {formulation.label}: needs the rate of G, which matrices do not tell; "
             "allowed: index-3"
         )
-    if evaluation == COMPENSATED and about.quadratic is False:
+    if evaluation == COMPENSATED and not (about.of_matrices or about.problem.quadratic):
         raise ArgumentError(
             f"{about.name}: compensated evaluation needs constraints that are at most quadratic in "
             "u and do not depend on time"
@@ -275,11 +255,8 @@ def _shapes(n: int, m: int) -> dict[str, tuple[int, ...]]:
 def _sound(values: Mapping[str, Any], where: str) -> dict[str, Array]:
     """The matrices and vectors in their shapes."""
     arrays = {
-        name: within_range(
-            matrices.array_of(
-                values[name], f"{where}: {name}", (0, 1, 2) if name in _VECTORS else (1, 2)
-            ),
-            f"{where}: {name}",
+        name: matrices.array_of(
+            values[name], f"{where}: {name}", (0, 1, 2) if name in _VECTORS else (1, 2)
         )
         for name in NAMES
         if name in values
@@ -303,32 +280,6 @@ def _sound(values: Mapping[str, Any], where: str) -> dict[str, Array]:
     matrices.require_shapes(arrays, _shapes(n, gradient.shape[1]), where)
     _require_usable(mass, gradient, where)
     return arrays
-
-
-def within_range(array: Array, where: str) -> Array:
-    """The same with sizes that factors and norms neither overflow nor underflow.
-
-    Entries of a matrix that are nothing next to the others of their row and of their column
-    become 0, which is a change far below rounding in any scaling.
-
-    Raises:
-        MatrixError: When the largest of a row or column is too large or too small.
-    """
-    size = np.abs(array)
-    if array.ndim == 2 and array.size:
-        others = np.minimum(size.max(axis=1)[:, None], size.max(axis=0)[None, :])
-        array = np.where(size < _NOTHING * others, 0.0, array)
-        far = (size > _FARTHEST) | ((others < 1 / _FARTHEST) & (array != 0))
-    else:
-        far = size > _FARTHEST
-    if np.any(far):
-        place = tuple(int(k) for k in np.argwhere(far)[0])
-        shown = ", ".join(str(k + 1) for k in place)
-        raise matrices.MatrixError(
-            f"{where} has {float(array[place])!r} at ({shown}); the largest of a row or column "
-            f"must be 0 or between {1 / _FARTHEST:g} and {_FARTHEST:g}"
-        )
-    return array
 
 
 def _require_usable(mass: Array, gradient: Array, where: str) -> None:
