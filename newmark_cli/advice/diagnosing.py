@@ -110,92 +110,68 @@ def _of_correction(
     floors: Mapping[float, Sequence[Floor]],
 ) -> str:
     name = "all unknowns" if unknown == ALL else _SYMBOLS.get(unknown, unknown)
-    reached = {h: largest(of, unknown, tested, schemes[h]) for h, of in floors.items()}
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
-    reached = {h: size for h, size in reached.items() if not math.isnan(size)}
+    sizes = {h: largest(of, unknown, tested, schemes[h]) for h, of in floors.items()}
+    reached = {h: size for h, size in sizes.items() if not math.isnan(size)}
     if not reached:
         return f"{test}: cannot be judged: no floor is predicted at these step sizes"
-    verdict = _verdict(test, tolerance, reached)
-    if _is_met(tolerance, reached):
-        return verdict
     least = min(reached)
     scheme, of_all = schemes[least], floors[least]
     worst = unknown
     if unknown == ALL:
         worst = max(scheme.form.solved, key=lambda one: largest(of_all, one, tested, scheme))
-    factor = scheme.scaling.right.get(worst)
-    symbol = _SYMBOLS.get(worst, worst)
+    factor, symbol, cure = scheme.scaling.right.get(worst), _SYMBOLS.get(worst, worst), ""
     if factor is None or factor.order() >= 0:
-        return (
-            f"{verdict}. {symbol} is not scaled under {scheme.scaling.name}: scale the unknowns, "
-            "and test those that the solver sees"
+        cure = (
+            f"{symbol} is not scaled under {scheme.scaling.name}: scale the unknowns, and test "
+            "those that the solver sees"
         )
-    if tested == "scaled":
-        return f"{verdict}. Set {_enough(reached):.2g} or more"
-    return (
-        f"{verdict}. {symbol} is tested after unscaling: test {factor**-1} · {symbol} instead, "
-        f"whose last correction is {largest(of_all, worst, 'scaled', scheme):.2g} at h = {least:g}"
-    )
+    elif tested == "physical":
+        cure = (
+            f"{symbol} is tested after unscaling: test {factor**-1} · {symbol} instead, whose last "
+            f"correction is {largest(of_all, worst, 'scaled', scheme):.2g} at h = {least:g}"
+        )
+    return _judged(test, tolerance, reached, "Newton's last correction", cure)
 
 
 def _of_residual(
     tolerance: float, tested: str, about: Subject, schemes: Mapping[float, Scheme]
 ) -> str:
-    before, after = ({h: of[k] for h, of in _residuals(about, schemes).items()} for k in (0, 1))
-    reached = before if tested == "before" else after
-    test = f"tolerance {tolerance:g} on the residual, tested {tested} scaling"
-    verdict = _verdict(test, tolerance, reached, "the residual that rounding leaves")
-    if _is_met(tolerance, reached):
-        return verdict
-    scheme, least = schemes[min(schemes)], min(schemes)
-    if scheme.scaling.left["D"].order() <= 0:
-        return f"{verdict}. Row D is not scaled: multiply it by its left factor before the test"
-    if tested == "after":
-        return f"{verdict}. Set {_enough(reached):.2g} or more"
-    return (
-        f"{verdict}. The terms of row D grow as h falls: test D_L b instead, which rounding leaves "
-        f"at {after[least]:.2g} at h = {least:g}"
-    )
-
-
-def _residuals(about: Subject, schemes: Mapping[float, Scheme]) -> dict[float, tuple[float, float]]:
-    """Step size → rms of the residual's norm that rounding leaves, before and after scaling.
-
-    Each term of a row is rounded twice: by itself, and against what the past adds to it.
-    """
-    left_over = {}
+    reached, least, cure = {}, min(schemes), ""
     for h, scheme in schemes.items():
+        # Each term of a row is rounded twice: by itself, and against what the past adds to it.
         terms = about.jacobian(scheme, about.typical) * about.unknowns(scheme, about.typical)
         sizes = ROUNDING * np.finfo(scheme.dtype).eps * np.sqrt(2 * np.sum(terms**2, axis=1))
         left, _ = scaling_factors(scheme, about.n, about.m)
-        left_over[h] = float(np.linalg.norm(sizes)), float(np.linalg.norm(left * sizes))
-    return left_over
+        after = float(np.linalg.norm(left * sizes))
+        reached[h] = after if tested == "after" else float(np.linalg.norm(sizes))
+        if h != least:
+            continue
+        if scheme.scaling.left["D"].order() <= 0:
+            cure = "Row D is not scaled: multiply it by its left factor before the test"
+        elif tested == "before":
+            cure = (
+                "The terms of row D grow as h falls: test D_L b instead, which rounding leaves at "
+                f"{after:.2g} at h = {h:g}"
+            )
+    test = f"tolerance {tolerance:g} on the residual, tested {tested} scaling"
+    return _judged(test, tolerance, reached, "the residual that rounding leaves", cure)
 
 
-def _enough(reached: Mapping[float, float]) -> float:
-    """Tolerance that is met at every step size, from the predicted rms of what is tested."""
-    return SPREAD * MARGIN * max(reached.values())
-
-
-def _is_met(tolerance: float, reached: Mapping[float, float]) -> bool:
-    return tolerance >= _enough(reached)
-
-
-def _verdict(
-    test: str,
-    tolerance: float,
-    reached: Mapping[float, float],
-    what: str = "Newton's last correction",
+def _judged(
+    test: str, tolerance: float, reached: Mapping[float, float], what: str, cure: str
 ) -> str:
-    if _is_met(tolerance, reached):
+    """Whether a tolerance is met at every step size, from the predicted rms of what is tested."""
+    close = {h: size for h, size in reached.items() if tolerance < SPREAD * MARGIN * size}
+    if not close:
         h, size = max(reached.items(), key=lambda item: item[1])
         return f"{test}: can be met; {what} is {size:.2g} at h = {h:g}"
-    close = {h: size for h, size in reached.items() if tolerance < SPREAD * MARGIN * size}
     missed = {h: size for h, size in close.items() if tolerance < SPREAD * size}
     h = min(missed or close)
     steps = ", ".join(f"{step:g}" for step in missed or close)
     verdict = "cannot be met" if missed else "is too close to rounding to be met at every step"
-    return f"{test}: {verdict} at h = {steps}: {what} is {close[h]:.2g} at h = {h:g}"
+    cure = cure or f"Set {SPREAD * MARGIN * max(reached.values()):.2g} or more"
+    return f"{test}: {verdict} at h = {steps}: {what} is {close[h]:.2g} at h = {h:g}. {cure}"
 
 
 def one_sided(scheme: Scheme, order: float, condition: Mapping[str, float]) -> Iterable[str]:

@@ -154,9 +154,7 @@ def advise(
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
     elif matrices is not None:
-        from newmark_cli.advice.advising import advise as advised
-
-        advice = [advised(_path_of_matrices(matrices), h=_required(steps), **options)]
+        advice = [_of_matrices(matrices, steps, options)]
     else:
         advice = list(_of_subject(str(subject), steps, options, allow_code))
     if as_json:
@@ -173,12 +171,13 @@ def _required(steps: tuple[float, ...]) -> list[float]:
     return [*steps]
 
 
-def _path_of_matrices(path: Path) -> Path:
+def _of_matrices(path: Path, steps: tuple[float, ...], options: dict[str, Any]) -> "Advice":
+    from newmark_cli.advice.advising import advise as advised
     from newmark_cli.advice.linearised import is_path_of_matrices
 
     if not is_path_of_matrices(path):
         raise InputError(f"{path}: must be an .npz file or a folder of .mtx files")
-    return path
+    return advised(path, h=_required(steps), **options)
 
 
 def _of_jacobians(
@@ -186,9 +185,8 @@ def _of_jacobians(
 ) -> "JacobianAdvice":
     from newmark_cli.advice.jacobians import advise_jacobian
 
-    unfit = sorted(set(options) - {"integrator", "beta", "gamma"})
-    if unfit:
-        raise click.UsageError(f"--{unfit[0].replace('_', '-')} does not go with --jacobian")
+    for name in sorted(options.keys() - {"integrator", "beta", "gamma"}):
+        raise click.UsageError(f"--{name.replace('_', '-')} does not go with --jacobian")
     return advise_jacobian([*files], blocks=blocks, h=[*steps] or None, **options)
 
 

@@ -4,6 +4,7 @@ import math
 import re
 import shutil
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -63,7 +64,8 @@ def orders(
     """
     from newmark_cli.report.tables import theory
 
-    chosen = _chosen_orders(form, preconditioning, evaluation, formulation, file, allow_code)
+    options = form, preconditioning, evaluation, formulation
+    chosen = _chosen_orders(options, file, allow_code)
     if derive:
         forms = dict.fromkeys((name, kind) for name, _, _, kind in chosen)
         predicted = [theory.derive(*arguments) for arguments in forms]
@@ -235,7 +237,7 @@ _EXPLAINED = {
 
 
 @click.command("list")
-@flag("--json", "as_json", help="Print the list as JSON.")
+@json_option
 @click.option(
     "--schema",
     type=click.Choice(["config", "mechanism", "spatial"]),
@@ -278,12 +280,7 @@ def list_(as_json: bool, schema: str | None) -> int:
 
 
 def _chosen_orders(
-    form: str | None,
-    variant: str | None,
-    evaluation: str | None,
-    formulation: str | None,
-    file: str | None,
-    allow_code: bool,
+    chosen: Sequence[str | None], file: str | None, allow_code: bool
 ) -> "list[tuple[str, Preconditioning, str, str]]":
     """Form, scaling, evaluation and formulation chosen by the options of `orders`."""
     from newmark_cli.newmark.forms import FORMS, INDEX_3
@@ -292,7 +289,7 @@ def _chosen_orders(
     from newmark_cli.support.spelling import nearest
 
     if file is not None:
-        if any(option is not None for option in (form, variant, evaluation, formulation)):
+        if any(option is not None for option in chosen):
             raise click.UsageError(
                 "--config already names form, preconditioning, evaluation and formulation"
             )
@@ -305,6 +302,7 @@ def _chosen_orders(
                 for cell in cells
             )
         )
+    form, variant, evaluation, formulation = chosen
     if form is not None and form not in FORMS:
         raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
     scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]

@@ -11,7 +11,9 @@ from newmark_cli.cli.options import (
     as_json_text,
     axis_option,
     call_with_problem,
+    flag,
     formulation_option,
+    json_option,
 )
 
 if TYPE_CHECKING:
@@ -53,8 +55,8 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Draw the errors next to those of this tool: .png, .svg, .pdf or .pgf.",
 )
-@click.option("--strict", is_flag=True, help="Fail where a verdict is undecided, too.")
-@click.option("--json", "as_json", is_flag=True, help="Print as JSON.")
+@flag("--strict", help="Fail where a verdict is undecided, too.")
+@json_option
 @allow_code_option
 def judge(
     table: Path | None,

@@ -187,7 +187,7 @@ def show(
 @flag(
     "--all", "show_all", help="Show every slope, not only misses and those of the paper's figures."
 )
-@flag("--json", "as_json", help="Print every slope, claim and expectation as JSON.")
+@json_option
 @flag("--markdown", help="Print the tables as Markdown.")
 @flag("--strict", help="Fail if a series or an expectation is undecided.")
 @flag("--strict-expectations", help="Fail if a claim or an expectation is undecided.")
