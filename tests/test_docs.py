@@ -23,10 +23,8 @@ from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.report.tables import check
-from newmark_cli.report.tables.table import markdown_table
 from newmark_cli.study import config, results
-from newmark_cli.study.axes import TRAPEZOIDAL
+from newmark_cli.study.axes import TRAPEZOIDAL, SeriesKey
 from newmark_cli.study.expecting import ExpectConfig
 from newmark_cli.study.figure_keys import FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDS
@@ -322,15 +320,17 @@ def committed(committed_folder, committed_results):
     return committed_results(*studies).slopes
 
 
-def test_claims_are_those_of_the_results(committed):
-    """What `check --markdown` prints is what stands in docs/claims.md."""
-    page = PAGES["claims.md"].read_text(encoding="utf-8")
-    table = markdown_table(check.slope_rows(check.in_paper(committed)))
-    begin, end = "<!-- claims: begin -->\n", "<!-- claims: end -->"
-    assert page.split(begin)[1].split(end)[0].strip() == table
-    table = markdown_table(expectations.claim_rows(expectations.judge(ROOT / "results", committed)))
-    begin, end = "<!-- past the paper: begin -->\n", "<!-- past the paper: end -->"
-    assert page.split(begin)[1].split(end)[0].strip() == table
+def test_tables_of_cures_are_those_of_the_results(committed):
+    """Orders in docs/what-scaling-cures.md are the fitted ones, by the names of Figure 16."""
+    page = PAGES["what-scaling-cures.md"].read_text(encoding="utf-8")
+    column = r"^\| {} \| [^|]*\| \w+: [^|]*fitted ([−0-9.]+) \| [^|]* \| [^|]* \| [^|]* \|$"
+    fitted = {slope.key: slope.fit.slope for slope in committed}
+    for curve in FIGURES["16"].curves:
+        if curve.problem == "andrews":
+            at = {"measure": "condition", "quantity": "jacobian"}
+            slope = fitted[SeriesKey.of(curve.key.named() | at)]
+            (told,) = re.findall(column.format(re.escape(curve.label)), page, re.M)
+            assert told == f"{slope:.1f}".replace("-0.0", "0.0").replace("-", "−"), curve.label
 
 
 def test_committed_results_are_complete(committed):

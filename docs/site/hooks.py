@@ -53,6 +53,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     up = "../" * page.file.src_uri.count("/")
     for path, name in PROJECT.items():
         markdown = markdown.replace(f"](../{up}{name})", f"]({up}{path})")
+    if page.file.src_uri == "claims.md":
+        for place, table in reference.claim_tables().items():
+            markdown = markdown.replace(place, table)
     markdown = _FORMULA.sub(_mathml, markdown)
     return _FIGURE.sub(rf"]({up}figures/\1)", markdown)
 

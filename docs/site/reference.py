@@ -9,14 +9,17 @@ built, and the tests hold them to the code.
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import click
 
 import newmark_cli
 from newmark_cli.cli.commands import cli
-from newmark_cli.report.judging import slopes
+from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.reading.figures import Figure
+from newmark_cli.report.tables import check
+from newmark_cli.report.tables.table import markdown_table
 from newmark_cli.study import catalogue, results, schema
 from newmark_cli.study.measures import MEASURES, Record
 
@@ -401,6 +404,17 @@ def api_page() -> str:
         parts.append(f"## {kind}")
         parts += [f"::: newmark_cli.{name}\n    options:\n      heading_level: 3" for name in names]
     return "\n\n".join(parts) + "\n"
+
+
+def claim_tables() -> dict[str, str]:
+    """Marks in claims.md and the tables that replace them, from the committed results."""
+    folder = Path(__file__).parents[2] / "results"
+    series = slopes.collect(folder)
+    claims = expectations.claim_rows(expectations.judge(folder, series))
+    return {
+        "<!-- slopes -->": markdown_table(check.slope_rows(check.in_paper(series))),
+        "<!-- claims -->": markdown_table(claims),
+    }
 
 
 #: Pages of the site, by their path, and what writes each.

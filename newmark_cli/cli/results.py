@@ -288,7 +288,6 @@ def check(
     "printed as text and also written to DIR/tables.",
 )
 @flag("--formulations", help="Tabulate the predicted orders of all formulations; needs no results.")
-@flag("--cures", help="Tabulate what each cure cures.")
 def tables(
     studies: tuple[str, ...],
     folder: Path,
@@ -299,7 +298,6 @@ def tables(
     shown: tuple[str, ...],
     written: str | None,
     formulations: bool,
-    cures: bool,
     **chosen: tuple[str, ...],
 ) -> int:
     """Make tables of studies, or Tables 1 and 2 of the paper, predicted and measured.
@@ -312,9 +310,7 @@ def tables(
     Without a study, reads the CSV of all-forms and writes DIR/tables/table-1 and table-2
     as .md, .csv and .tex.  With --formulations, writes DIR/tables/formulations:
     predicted orders of corrections and condition numbers, and the factors that
-    formulations add to Table 2.  With --cures, reads the CSVs of cures, cures-tolerance
-    and cures-krylov and writes DIR/tables/cures.  Exits with 1 if an entry is not as
-    predicted.
+    formulations add to Table 2.  Exits with 1 if an entry is not as predicted.
 
     \b
     Example:
@@ -337,8 +333,6 @@ def tables(
         return 0
     if choosing:
         raise InputError("tables: options that choose rows, columns or series need a STUDY")
-    if cures:
-        return show_cures(folder, written)
     if formulations:
         from newmark_cli.report.tables import predicted_tables
 
@@ -479,15 +473,6 @@ def show_report(folder: Path, report: "Report", form: str | None) -> None:
         screen.line()
         for file in report.write(folder):
             screen.line(file)
-
-
-def show_cures(folder: Path, form: str | None = None) -> int:
-    """Print the tables of cures; 1 when an entry is not as predicted."""
-    from newmark_cli.report.tables import cures
-
-    cells = cures.build(cures.collect(folder))
-    show_report(folder, cures.report(cells), form)
-    return 0 if all(cell.agrees for cell in cells.values()) else 1
 
 
 def show_tables(folder: Path, slopes: "Sequence[Slope]", form: str | None = None) -> int:

@@ -16,7 +16,7 @@ from newmark_cli.cli.options import (
     results_folder,
     running_options,
 )
-from newmark_cli.cli.results import show_claims, show_cures, show_tables, verdict
+from newmark_cli.cli.results import show_claims, show_tables, verdict
 from newmark_cli.support import interrupts
 
 if TYPE_CHECKING:
@@ -104,8 +104,6 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     files = plotting.plot(plotting.of_studies(studies), Results(folder, series))
     screen.line()
     show_tables(folder, series)
-    if everything:
-        code = max(code, show_cures(folder))
     expected = expectations.judge(folder, series)
     summary = show_claims(series, expected)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,

@@ -17,10 +17,10 @@ from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import Figure
-from newmark_cli.report.tables import check, cures, outcomes, paper_tables, study_tables
+from newmark_cli.report.tables import check, outcomes, paper_tables, study_tables
 from newmark_cli.report.tables.table import Report
 from newmark_cli.support import files
-from newmark_cli.support.errors import InputError, ResultsError
+from newmark_cli.support.errors import InputError
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "{http://www.w3.org/1999/xlink}href"
@@ -95,7 +95,6 @@ def html(folder: Path) -> str:
         expectations=expectations.table(expected),
         pictures=pictures(Results(folder, series)),
         tables=_tables(folder, series),
-        cures=_cures(Results(folder, series)),
         timings=records.timing_rows(provenance),
         runs=runs,
     )
@@ -167,14 +166,6 @@ def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
             layouts = study_tables.defined(folder, study)
             reports += [study_tables.report(ours, layout) for layout in layouts]
     return [report for report in reports if report.tables]
-
-
-def _cures(results: Results) -> list[Report]:
-    """Tables of cures; none without results of the study."""
-    try:
-        return [cures.report(cures.build(results))]
-    except ResultsError:
-        return []
 
 
 def _run(study: str, record: Mapping[str, Any]) -> Run:

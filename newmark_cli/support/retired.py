@@ -13,6 +13,7 @@ _DAE_CODES = (
 #: Key, value, command or option → a name that is allowed where it was, and its way out.
 RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
+        "--cures": ("", "take 'newmark-study tables cures', and docs/what-scaling-cures.md"),
         "missed": ("absolute", _MISSED),
         "smallest_h": ("absolute", _MISSED),
         "guess": ("absolute", "Newton starts each step from u + h v and the last lambda"),

@@ -109,7 +109,7 @@ def _unknown(name: str, studies: Sequence[str], results: Results) -> InputError:
         path = results.folder / f"{name}.csv"
         return ResultsError(f"{path}: no results; run 'newmark-study run {name}' first")
     if name == "19":
-        return InputError("19 is a table, made by 'newmark-study tables --cures'")
+        return InputError("19 is a table, made by 'newmark-study tables cures'")
     known = dict.fromkeys((*FIGURES, *studies))
     return InputError(f"unknown figure or study {name!r}{nearest(name, known)}")
 
