@@ -371,9 +371,9 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
         raise InputError("--rtol: must be a number from 0 to 1, given nan")
     from newmark_cli.report.tables import compare as comparing
 
-    comparison = comparing.compare(first, second, rtol)
-    screen.lines(comparing.as_text(comparison, None if everything else 10))
-    return 1 if comparison.differs else 0
+    text, differs = comparing.compare(first, second, rtol, None if everything else 10)
+    screen.lines(text)
+    return int(differs)
 
 
 @click.command()

@@ -1,23 +1,24 @@
 """Two results folders side by side: cells, values, slopes, verdicts, environments."""
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.report.judging import expectations
+from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.fits import format_fit
-from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.text import text_table
 from newmark_cli.report.reading import records
 from newmark_cli.study import axes
+from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
-from newmark_cli.study.reading import read_study, study_files
+from newmark_cli.study.reading import SERIES, read_study, study_files
 from newmark_cli.support.errors import visible
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Measures of what is determined by more than rounding: they agree to a relative tolerance.
 DETERMINED = ("condition", "sensitivity", "krylov_iterations")
@@ -27,247 +28,212 @@ DETERMINED = ("condition", "sensitivity", "krylov_iterations")
 #: corrections in physical units scatter by up to 8.4 over forms and variants.
 FACTOR = 10.0
 
-#: Axes that tell cells apart and are said only where they have another value than usually.
-_SAID = ("problem", "integrator", "form", "preconditioning")
-_UNUSUAL = {
-    axis.name: axis.usual
-    for axis in axes.cell_axes()
-    if axis.cell and axis.name not in (*_SAID, "h", "steps")
-}
+#: Columns that tell rows, and cells, apart.
+_ROW = [*SERIES, "h", "steps"]
+_OF_ROWS = {axis.name: "" for axis in axes.row_axes()}
+_CELL = [name for name in _ROW if name not in _OF_ROWS]
+
+#: What is not the same in both folders, and what it is in either.
+Difference = tuple[str, str, str]
 
 
-@dataclass(frozen=True)
-class Difference:
-    """Something that is not the same in both folders, and what it is in either."""
+def compare(first: Path, second: Path, rtol: float, most: int | None) -> tuple[str, bool]:
+    """Compare two results folders.
 
-    what: str
-    first: str
-    second: str
+    Args:
+        first, second: The folders.
+        rtol: Relative tolerance of the measures in `DETERMINED`.
+        most: Length of each printed list; None prints all.
 
-
-@dataclass(frozen=True)
-class Comparison:
-    """Differences between two results folders, and what they have in common."""
-
-    folders: tuple[Path, Path]  #: the two
-    rtol: float  #: relative tolerance of the measures in `DETERMINED`
-    #: How many cells, values, slopes, and claims and expectations are in both.
-    cells: int
-    #: Studies that are in one folder only: of either folder.
-    lacking: tuple[tuple[str, ...], tuple[str, ...]]
-    #: Cells, series and rows of studies in both folders that are in one of them only.
-    only: tuple[tuple[str, ...], tuple[str, ...]]
-    statuses: tuple[Difference, ...]  #: cells that ended differently
-    compared: int
-    values: tuple[Difference, ...]  #: values that do not agree
-    slopes: int
-    farthest: Difference | None  #: the slope that differs most; None without any
-    claims: int
-    #: Slopes, claims and expectations whose verdict is another one.
-    verdicts: tuple[Difference, ...]
-    environment: tuple[Difference, ...]  #: what the folders were computed with, where it differs
-
-    @property
-    def differs(self) -> bool:
-        """Whether a verdict is another one, or a study in both folders lacks something in one."""
-        return bool(self.verdicts) or any(self.only)
-
-
-@dataclass(frozen=True)
-class _Row:
-    """A value of a CSV with its study, cell and series in words."""
-
-    measure: str
-    value: float
-    study: str
-    cell: str
-    series: str
-
-
-class _Folder:
-    """The comparable content of a results folder, by names in words."""
-
-    def __init__(self, path: Path) -> None:
-        self.statuses: dict[str, str] = {}  # by cell
-        self.rows: dict[str, _Row] = {}
-        self.environment: dict[str, dict[str, str]] = {}  # by study
-        slopes: list[Slope] = []
-        for file in study_files(path):
-            frame = read_study(file)
-            slopes += study_slopes(frame, file)
-            for measure, of_measure in frame.groupby("measure", sort=False, dropna=False):
-                record = RECORDS.get(str(measure))
-                values = record.drawn(of_measure) if record else [math.nan] * len(of_measure)
-                for row, value in zip(of_measure.to_dict("records"), values, strict=True):
-                    at = f"h = {row['h']:g}, {row['steps']:g} steps"
-                    cell, series = f"{_where(row)}, {at}", f"{_where(row)}, {_what(row)}"
-                    self.statuses[cell] = str(row["status"])
-                    if record:  # else of a cell that failed before it measured anything
-                        entry = _Row(str(measure), float(value), str(row["study"]), cell, series)
-                        self.rows[f"{series}, {at}"] = entry
-            if record_of := records.known(file):
-                digest = str(record_of.get("config_sha256", records.UNKNOWN))
-                computed_with = records.environment(record_of)
-                self.environment[file.stem] = computed_with | {f"config of {file.stem}": digest}
-        # Of claims and series what was measured, and the verdict.
-        self.claims = {
-            f"{claim.name if claim.figure else f'expectation of {claim.study}'}: {claim.text}": (
-                claim.measured,
-                claim.verdict,
-            )
-            for claim in expectations.judge(path, slopes)
-            if not claim.missing
-        }
-        keys = [(slope, slope.key.named()) for slope in slopes]
-        self.slopes = {f"{_where(key)}, {_what(key)}": slope for slope, key in keys}
-        self.studies = Counter(cell.partition(" ")[0] for cell in self.statuses)
-
-    def alone(self, other: "_Folder") -> tuple[str, ...]:
-        """Cells, series and rows of studies in both folders that the other one lacks."""
-        cells = [
-            cell
-            for cell in self.statuses
-            if cell not in other.statuses and cell.partition(" ")[0] in other.studies
-        ]
-        theirs = {row.series for row in other.rows.values()}
-        lacking = {
-            name: row
-            for name, row in self.rows.items()
-            if name not in other.rows and row.cell in other.statuses
-        }
-        missing = Counter(row.series for row in lacking.values() if row.series not in theirs)
-        series = [f"{name}, {n} row{'s' if n > 1 else ''}" for name, n in missing.items()]
-        return (*cells, *series, *(n for n, row in lacking.items() if row.series in theirs))
-
-    def lacked(self, other: "_Folder") -> tuple[str, ...]:
-        """Studies that the other folder lacks altogether."""
-        missing = self.studies.keys() - other.studies.keys()
-        return tuple(f"study {s}, {n} cells" for s, n in self.studies.items() if s in missing)
-
-
-def _both(mine: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Pairs of values by the names that both have."""
-    return {name: (mine[name], theirs[name]) for name in mine if name in theirs}
-
-
-def compare(first: Path, second: Path, rtol: float) -> Comparison:
-    """Compare two results folders; measures in `DETERMINED` agree to a relative tolerance."""
-    a, b = _Folder(first), _Folder(second)
-    cells, rows = _both(a.statuses, b.statuses), _both(a.rows, b.rows)
-    slopes, claims = _both(a.slopes, b.slopes), _both(a.claims, b.claims)
-    verdicts = claims | {
-        name: ((format_fit(x.fit), x.verdict), (format_fit(y.fit), y.verdict))
-        for name, (x, y) in slopes.items()
-    }
-    return Comparison(
-        folders=(first, second),
-        rtol=rtol,
-        cells=len(cells),
-        lacking=(a.lacked(b), b.lacked(a)),
-        only=(a.alone(b), b.alone(a)),
-        statuses=tuple(Difference(name, *pair) for name, pair in cells.items() if len({*pair}) > 1),
-        compared=len(rows),
-        values=tuple(
-            Difference(name, f"{x.value:.6g}", f"{y.value:.6g}")
-            for name, (x, y) in rows.items()
-            if not agree(x.measure, x.value, y.value, rtol)
-        ),
-        slopes=len(slopes),
-        farthest=_farthest(slopes),
-        claims=len(claims),
-        verdicts=tuple(
-            Difference(name, " ".join(x), " ".join(y))
-            for name, (x, y) in verdicts.items()
-            if x[1] != y[1]
-        ),
-        environment=_environments(a.environment, b.environment),
-    )
-
-
-def agree(measure: str, a: float, b: float, rtol: float) -> bool:
-    """Whether two values of a measure, at least 0, or NaN for none, agree but for rounding."""
-    if math.isnan(a) or math.isnan(b):
-        return math.isnan(a) and math.isnan(b)
-    if measure in DETERMINED:
-        return math.isclose(a, b, rel_tol=rtol)
-    low, high = sorted((a, b))
-    return high <= FACTOR * low
-
-
-def as_text(comparison: Comparison, most: int | None) -> str:
-    """For a terminal, with lists of at most so many lines; of any number when that is None."""
-    names = [str(folder) for folder in comparison.folders]
-    lines = [f"cells in both: {comparison.cells}"]
-    for parts in (comparison.lacking, comparison.only):
-        for name, only in zip(names, parts, strict=True):
-            lines += [visible(f"only in {name}: {entry}") for entry in only[:most]]
-            if more := len(only[len(only) if most is None else most :]):
+    Returns:
+        What to print, and whether a verdict is another one or a study in both folders has a
+        cell, series or row in only one of them.
+    """
+    names = str(first), str(second)
+    a, b = _rows(first), _rows(second)
+    cells = a.drop_duplicates(_CELL).merge(b.drop_duplicates(_CELL), on=_CELL)
+    both = a[a["measure"] != ""].merge(b, on=_ROW)
+    lines = [f"cells in both: {len(cells)}"]
+    only = [list(_only(*pair)) for pair in ((a, b), (b, a))]
+    for lacking in ([list(_lacked(a, b)), list(_lacked(b, a))], only):
+        for name, entries in zip(names, lacking, strict=True):
+            lines += [visible(f"only in {name}: {entry}") for entry in entries[:most]]
+            if more := len(entries[len(entries) if most is None else most :]):
                 lines.append(visible(f"only in {name}: {more} more (--all)"))
-    farthest, environment = comparison.farthest, comparison.environment
-    lists: list[tuple[str, Sequence[Difference]]] = [
-        (f"cells that ended differently: {len(comparison.statuses)}", comparison.statuses),
+    ended = _differences(cells[cells["status_x"] != cells["status_y"]], "status", _cell)
+    beyond = both[~agree(both["measure"], both["value_x"], both["value_y"], rtol)]
+    values = _differences(beyond, "value", _row)
+    ours, theirs = (_judged(folder) for folder in (first, second))
+    judged = {name: (ours[name], theirs[name]) for name in ours if name in theirs}
+    verdicts = [
+        (name, " ".join(x[:2]), " ".join(y[:2])) for name, (x, y) in judged.items() if x[1] != y[1]
+    ]
+    apart = {name: abs(x[2] - y[2]) for name, (x, y) in judged.items() if not math.isnan(x[2])}
+    farthest = max(apart, key=lambda name: np.nan_to_num(apart[name]), default="")
+    slope: list[Difference] = []
+    if apart.get(farthest, 0) > 0:
+        slope = [(farthest, ours[farthest][0], theirs[farthest][0])]
+    environment = list(_environments(*map(_computed_with, (first, second))))
+    fitted = sum(of[3] for of, _ in judged.values())
+    blocks: list[tuple[str, list[Difference]]] = [
+        (f"cells that ended differently: {len(ended)}", ended),
         (
-            f"values beyond tolerance: {len(comparison.values)} of {comparison.compared} "
-            f"({', '.join(DETERMINED)}: {comparison.rtol:g}; others: a factor of {FACTOR:g})",
-            comparison.values,
+            f"values beyond tolerance: {len(values)} of {len(both)} "
+            f"({', '.join(DETERMINED)}: {rtol:g}; others: a factor of {FACTOR:g})",
+            values,
         ),
-        ("slope farthest apart:", [farthest]) if farthest else ("no slope differs", []),
-        ("computed with something else:", environment)
-        if environment
-        else ("no difference in what was recorded of code and machine", []),
+        ("slope farthest apart:" if slope else "no slope differs", slope),
         (
-            f"verdicts changed: {len(comparison.verdicts)}, "
-            f"of {comparison.slopes} slopes and {comparison.claims} claims",
-            comparison.verdicts,
+            "computed with something else:"
+            if environment
+            else "no difference in what was recorded of code and machine",
+            environment,
+        ),
+        (
+            f"verdicts changed: {len(verdicts)}, "
+            f"of {fitted} slopes and {len(judged) - fitted} claims",
+            verdicts,
         ),
     ]
-    blocks = ["\n".join(lines)]
-    for title, entries in lists:
-        rows = [("", *names), *((e.what, e.first, e.second) for e in entries[:most])]
-        block = f"{title}\n{text_table(rows, indent=2)}" if entries else title
-        if len(entries) >= len(rows):
-            block += f"\n  {len(entries) - len(rows) + 1} more (--all)"
-        blocks.append(block)
-    return "\n\n".join(blocks)
+    text = "\n\n".join(["\n".join(lines), *(_block(*block, names, most) for block in blocks)])
+    return text, bool(verdicts) or any(only)
 
 
-def _farthest(slopes: Mapping[str, tuple[Slope, Slope]]) -> Difference | None:
-    """The pair of slopes that differs most, if any does."""
-    apart = {name: abs(a.fit.slope - b.fit.slope) for name, (a, b) in slopes.items()}
-    name = max(apart, key=lambda name: np.nan_to_num(apart[name]), default="")
-    if not apart.get(name, 0.0) > 0:
-        return None
-    return Difference(name, *(format_fit(slope.fit) for slope in slopes[name]))
+def _block(
+    title: str, entries: Sequence[Difference], names: tuple[str, str], most: int | None
+) -> str:
+    """A list under its title, or the title only."""
+    if not entries:
+        return title
+    block = f"{title}\n{text_table([('', *names), *entries[:most]], indent=2)}"
+    more = len(entries[len(entries) if most is None else most :])
+    return f"{block}\n  {more} more (--all)" if more else block
+
+
+def _rows(folder: Path) -> "pd.DataFrame":
+    """Rows of all studies of a folder, with the values that are compared."""
+    import pandas as pd
+
+    frame = pd.concat(map(read_study, study_files(folder)), ignore_index=True)
+    frame["value"] = math.nan
+    for measure, rows in frame.groupby("measure", sort=False):
+        if measure in RECORDS:
+            frame.loc[rows.index, "value"] = RECORDS[str(measure)].drawn(rows)
+    return frame
+
+
+def _only(mine: "pd.DataFrame", theirs: "pd.DataFrame") -> Iterator[str]:
+    """Cells, series and rows of studies in both frames that the second one lacks."""
+    mine = mine[mine["study"].isin(theirs["study"])]
+
+    def lacks(keys: list[str]) -> "pd.Series[bool]":
+        merged = mine[keys].merge(theirs[keys].drop_duplicates(), how="left", indicator=True)
+        return (merged["_merge"] == "left_only").set_axis(mine.index)
+
+    no_cell, no_series = lacks(_CELL), lacks([*SERIES])
+    for row in mine[no_cell].drop_duplicates(_CELL).to_dict("records"):
+        yield _cell(row)
+    there = ~no_cell & (mine["measure"] != "")
+    for values, rows in mine[there & no_series].groupby([*SERIES], sort=False):
+        series = _series(SeriesKey.of(dict(zip(SERIES, values, strict=True))))
+        yield f"{series}, {len(rows)} row{'s' if len(rows) > 1 else ''}"
+    for row in mine[there & ~no_series & lacks(_ROW)].to_dict("records"):
+        yield _row(row)
+
+
+def _lacked(mine: "pd.DataFrame", theirs: "pd.DataFrame") -> Iterator[str]:
+    """Studies that the second frame lacks altogether."""
+    cells = mine[~mine["study"].isin(theirs["study"])].drop_duplicates(_CELL)
+    for study, count in cells["study"].value_counts(sort=False).items():
+        yield f"study {study}, {count} cells"
+
+
+def _differences(rows: "pd.DataFrame", column: str, named: Any) -> list[Difference]:
+    def text(value: Any) -> str:
+        return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+    return [
+        (named(row), *(text(row[f"{column}_{side}"]) for side in "xy"))
+        for row in rows.to_dict("records")
+    ]
+
+
+def agree(measure: Any, a: Any, b: Any, rtol: float) -> Any:
+    """Whether values of measures, at least 0, or NaN for none, agree but for rounding."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    with np.errstate(invalid="ignore"):
+        close = high - low <= rtol * high
+        alike = np.where(np.isin(measure, DETERMINED), close, high <= FACTOR * low)
+    return alike | (np.isnan(a) & np.isnan(b))
+
+
+#: What was measured, the verdict, the slope if it is one of a series, and whether it is.
+_Judged = tuple[str, str, float, bool]
+
+
+def _judged(folder: Path) -> dict[str, _Judged]:
+    """Series, claims and expectations in words, with what they come to."""
+    found = slopes.collect(folder)
+    judged: dict[str, _Judged] = {}
+    for claim in expectations.judge(folder, found):
+        if not claim.missing:
+            name = claim.name if claim.figure else f"expectation of {claim.study}"
+            judged[f"{name}: {claim.text}"] = claim.measured, claim.verdict, math.nan, False
+    for slope in found:
+        judged[_series(slope.key)] = format_fit(slope.fit), slope.verdict, slope.fit.slope, True
+    return judged
+
+
+def _computed_with(folder: Path) -> dict[str, dict[str, str]]:
+    """Study → facts of its record about code and machine."""
+    read = {file.stem: records.known(file) for file in study_files(folder)}
+    return {
+        study: records.environment(record)
+        | {f"config of {study}": str(record.get("config_sha256", records.UNKNOWN))}
+        for study, record in read.items()
+        if record
+    }
 
 
 def _environments(
     first: Mapping[str, Mapping[str, str]], second: Mapping[str, Mapping[str, str]]
-) -> tuple[Difference, ...]:
+) -> Iterator[Difference]:
     """Facts of the studies in both folders that differ; one folder may mix several machines.
 
     Where a run has no record, as with results that are shipped, nothing of it is compared.
     """
     shared = [study for study in first if study in second]
     ran = [study for study in shared if "python" in first[study] and "python" in second[study]]
-    names = dict.fromkeys(name for study in shared for name in (*first[study], *second[study]))
-    differences = []
-    for name in names:
-        of_run = [study for study in shared if name in first[study] or name in second[study]]
-        of_run = [s for s in of_run if s in ran or (name in first[s] and name in second[s])]
+    for name in dict.fromkeys(name for s in shared for name in (*first[s], *second[s])):
+        of_run = [
+            s
+            for s in shared
+            if (name in first[s] and name in second[s])
+            or (s in ran and (name in first[s] or name in second[s]))
+        ]
         texts = [
             ", ".join(dict.fromkeys(folder[s].get(name, records.UNKNOWN) for s in of_run))
             for folder in (first, second)
         ]
         if texts[0] != texts[1]:
-            differences.append(Difference(name, *texts))
-    return tuple(differences)
+            yield name, texts[0], texts[1]
 
 
-def _where(row: Mapping[Any, Any]) -> str:
-    """Name of a cell but for its step size, without usual values."""
-    unusual = (row[name] for name, usual in _UNUSUAL.items() if row[name] != usual)
-    return " ".join([str(row["study"]), *(str(row[name]) for name in _SAID), *unusual])
+def _at(row: Mapping[Any, Any]) -> str:
+    return f"h = {row['h']:g}, {row['steps']:g} steps"
 
 
-def _what(row: Mapping[Any, Any]) -> str:
-    return " ".join(filter(None, (row["measure"], row["quantity"], row["row_block"])))
+def _cell(row: Mapping[Any, Any]) -> str:
+    return f"{_where(SeriesKey.of({**row, **_OF_ROWS}))}, {_at(row)}"
+
+
+def _row(row: Mapping[Any, Any]) -> str:
+    return f"{_series(SeriesKey.of(row))}, {_at(row)}"
+
+
+def _where(key: SeriesKey) -> str:
+    return " ".join(key.besides("measure", "quantity", "row_block"))
+
+
+def _series(key: SeriesKey) -> str:
+    return f"{_where(key)}, {' '.join(filter(None, (key.measure, key.quantity, key.row_block)))}"
