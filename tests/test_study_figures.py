@@ -20,7 +20,7 @@ from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
 from newmark_cli.study import results
 from newmark_cli.study.axes import series_axes
-from newmark_cli.study.tabulating import Heading, Layout
+from newmark_cli.study.table_keys import TableConfig
 from newmark_cli.support.errors import InputError
 
 TRAPEZOIDAL, DAMPED = "newmark beta=0.25 gamma=0.5", "generalized-alpha rho=0.9"
@@ -705,8 +705,10 @@ def test_strongest_of_several_series(tmp_path):
     weak = table(2.0, quantity="u", integrator=DAMPED)
     strong = table(1.0, quantity="lambda", integrator=DAMPED)
     given = written(tmp_path, [*weak, *strong[:-1]])
-    column = Heading("worst", {"quantity": ("u", "lambda")})
-    ((_, ((_, found),)),) = study_tables.groups(given.slopes, Layout(("problem",), (), (column,)))
+    column = {"label": "worst", "quantity": ["u", "lambda"]}
+    ((_, ((_, found),)),) = study_tables.groups(
+        given.slopes, TableConfig(rows="problem", headings=[column])
+    )
     assert found.h.tolist() == sorted({row["h"] for row in strong[:-1]}, reverse=True)
     assert found.fit.slope == pytest.approx(1)
     assert found.expected == 2

@@ -244,8 +244,8 @@ def judge(
         [slope for slope in judged if slope.quantity != "energy"],
         [
             row
-            for expectation in expectations
-            for row in expected("", expectation, by_key, Path("the table"))
+            for number, expectation in enumerate(expectations, 1)
+            for row in expected("", number, expectation, by_key, Path("the table"))
         ],
         measurements,
         runs.abscissa,

@@ -1,13 +1,12 @@
 """Files with which a table is judged: other names of its columns, and what is expected of it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, RootModel
 
-from newmark_cli.study.expectations import Expectation, expectations
+from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.expecting import ExpectConfig
 from newmark_cli.study.keys import OneLine, Recorded
 from newmark_cli.support import documents
@@ -28,6 +27,15 @@ else:
         measure: Recorded = Field("error", description="error or invariant")
         series: OneLine | None = Field(None, description="label of the series; any when omitted")
 
+        @property
+        def described(self) -> str:
+            """The series that it is about, in words."""
+            return super().described + (f", study {self.series}" if self.series else "")
+
+        def matches(self, key: SeriesKey) -> bool:
+            """Whether it is about a series; the label of one stands as its study."""
+            return super().matches(key) and self.series in (None, key.study)
+
 
 class _File(StrictModel):
     expect: tuple[_Expected, ...]
@@ -44,7 +52,7 @@ def columns(source: Any) -> Mapping[str, Any]:
     return documents.validate(documents.read(Path(source)), _Columns).root
 
 
-def expected(source: Any) -> list[Expectation]:
+def expected(source: Any) -> list[ExpectConfig]:
     """Expectations from a YAML file with the key ``expect``, or from a list of mappings.
 
     Raises:
@@ -56,11 +64,4 @@ def expected(source: Any) -> list[Expectation]:
         documents.read(Path(source)) if isinstance(source, str | Path)
         else Document.of("expect", {"expect": source})
     )  # fmt: skip
-    entries = documents.validate(document, _File).expect
-    plain: Sequence[Mapping[str, Any]] = [entry.model_dump(mode="json") for entry in entries]
-    return [
-        replace(item, choice={**item.choice, "study": (entry["series"],)})
-        if entry["series"]
-        else item
-        for item, entry in zip(expectations({"expect": plain}), plain, strict=True)
-    ]
+    return list(documents.validate(document, _File).expect)

@@ -1,4 +1,7 @@
-"""The key `expect` of a study config: its models, and whether the study has such series."""
+"""The key `expect` of a study config: its models, and whether the study has such series.
+
+A record is read by the same models; there and in shipped configs values are spelled as in CSVs.
+"""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -11,7 +14,9 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
+    TypeAdapter,
     ValidationError,
+    ValidationInfo,
     WrapValidator,
     create_model,
 )
@@ -20,8 +25,8 @@ from pydantic_core import CoreSchema, PydanticCustomError
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Projection, reported
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
-from newmark_cli.study import axes, keys
-from newmark_cli.study.axes import Axis
+from newmark_cli.study import axes, drawing, keys
+from newmark_cli.study.axes import Axis, SeriesKey
 from newmark_cli.study.cell import STATUSES
 from newmark_cli.study.keys import (
     OneLine,
@@ -57,8 +62,63 @@ _AXES = tuple(axis for axis in axes.cell_axes() if axis.cell and axis.series)
 _NO_TOLERANCE = [name for name, record in RECORDS.items() if record.tolerance != record.tolerance]
 
 
+#: Context of a validation in which values of axes are labels, as in CSVs.
+LABELLED = object()
+
+
+def recorded(config: Any, key: str, entries: TypeAdapter[Any]) -> Any:
+    """A list of a record's or a shipped config's, by its models; empty where there is none.
+
+    Raises:
+        ValueError: When it is not as a run has written it.
+    """
+    listed = config.get(key) if isinstance(config, Mapping) else None
+    if listed is None:
+        return ()
+    try:
+        return entries.validate_python(listed, context=LABELLED)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise ValueError(f"{key}: not as written by a run: {where}: {first['msg']}") from None
+
+
+def choice_of(entry: Any) -> dict[str, tuple[str, ...]]:
+    """Axis → values of an entry that chooses series, spelled as in CSVs."""
+    axis_names = (*drawing.COMPARABLE, "initial")
+    chosen = {name: getattr(entry, name, None) for name in axis_names}
+    return {
+        name: (values,) if isinstance(values, str) else values
+        for name, values in chosen.items()
+        if values is not None
+    }
+
+
 class _Rules(RuledModel):
-    """Rules that tie the keys of an expectation together."""
+    """What an expectation is about, and the rules that tie its keys together."""
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest value."""
+        at_most = math.inf if self.at_most is None else self.at_most
+        return self.at_least or 0.0, at_most
+
+    @property
+    def described(self) -> str:
+        """The series that it is about, in words."""
+        parts = (f"{axis} {' or '.join(values)}" for axis, values in choice_of(self).items())
+        return ", ".join([f"measure {self.measure}", *parts])
+
+    def matches(self, key: SeriesKey) -> bool:
+        """Whether it is about a series."""
+        return key.measure == self.measure and all(
+            getattr(key, axis) in values for axis, values in choice_of(self).items()
+        )
+
+    def divisor(self, key: SeriesKey) -> SeriesKey:
+        """The series that the values of a series are divided by."""
+        differs = {axis: value for axis, (value,) in choice_of(self.over).items()}
+        return SeriesKey.of(key.named() | differs)
 
     def _misfits(self) -> Iterator[PydanticCustomError]:
         yield from unknown(self.measure, self.quantity, RECORDS[self.measure].quantities)
@@ -104,7 +164,11 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
         get_args(inner[0])[0] if axis.many else next(part for part in inner if part is not NoneType)
     )
 
-    def read(value: Any, parse: Callable[[Any], Any]) -> str:
+    def read(value: Any, parse: Callable[[Any], Any], info: ValidationInfo) -> str:
+        if info.context is LABELLED:
+            if not isinstance(value, str):
+                raise ValueError(f"not a label: {value!r}")
+            return axis.same(value)
         try:
             return _label(axis, axis.value(parse(value)))
         except ValidationError:
@@ -178,6 +242,13 @@ else:
     )
 
 Expectations = Annotated[tuple[ExpectConfig, ...], Field(min_length=1, max_length=_MOST)]
+_EXPECTATIONS: TypeAdapter[tuple[ExpectConfig, ...]] = TypeAdapter(Expectations)
+
+
+def expectations(config: Any) -> tuple[ExpectConfig, ...]:
+    """Expectations of a record or a shipped config; see `recorded`."""
+    found: tuple[ExpectConfig, ...] = recorded(config, "expect", _EXPECTATIONS)
+    return found
 
 
 # -- the study's cases ------------------------------------------------------------------------

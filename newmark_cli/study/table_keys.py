@@ -1,12 +1,13 @@
-"""The key `tables` of a study config: its models."""
+"""The key `tables` of a study config: its models, which also read a record and options."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, create_model
+from pydantic import Field, TypeAdapter, create_model
 from pydantic_core import PydanticCustomError
 
-from newmark_cli.study.expecting import optional
+from newmark_cli.study import drawing, expecting
+from newmark_cli.study.expecting import optional, recorded
 from newmark_cli.study.figure_keys import series_keys
 from newmark_cli.study.keys import OneLine, OneOrMore, Recorded, TableValues, Tabulated, Word
 from newmark_cli.support.documents import RuledModel, StrictModel, misfit
@@ -14,6 +15,16 @@ from newmark_cli.support.documents import RuledModel, StrictModel, misfit
 
 class _Rules(RuledModel):
     """Rules that tie the keys of a table together."""
+
+    @property
+    def across(self) -> bool:
+        """Whether series stand in columns; otherwise each has a row, and its values are columns."""
+        return bool(self.columns or self.headings)
+
+    @property
+    def shown(self) -> tuple[str, ...]:
+        """What it says of a series, of `tabulating.VALUES`."""
+        return self.values or ("predicted", "fitted")
 
     def _misfits(self) -> Iterator[PydanticCustomError]:
         for axis in self.columns or ():
@@ -65,3 +76,21 @@ else:
     )
 
 Tables = Annotated[tuple[TableConfig, ...], Field(min_length=1, max_length=40)]
+_TABLES: TypeAdapter[tuple[TableConfig, ...]] = TypeAdapter(Tables)
+
+
+def tables(config: Any) -> tuple[TableConfig, ...]:
+    """Tables of a record or a shipped config; see `recorded`."""
+    found: tuple[TableConfig, ...] = recorded(config, "tables", _TABLES)
+    return found
+
+
+def table(**keys: Iterable[str]) -> TableConfig:
+    """A table of these axes and values; empty ones are left out."""
+    return TableConfig.model_validate({key: [*of] for key, of in keys.items() if of})
+
+
+def choice_of(entry: Any) -> dict[str, tuple[str, ...]]:
+    """Axis → values of the series that a table or a heading chooses, including the measure."""
+    kinds = [kind for name in entry.measure or () for kind in drawing.kinds(name)]
+    return expecting.choice_of(entry) | ({"measure": tuple(kinds)} if kinds else {})

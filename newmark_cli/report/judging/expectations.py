@@ -25,7 +25,7 @@ from newmark_cli.report.reading.figures import floor_of
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.expectations import Expectation, expectations
+from newmark_cli.study.expecting import ExpectConfig, expectations
 from newmark_cli.study.reading import mapping
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import ResultsError
@@ -116,16 +116,17 @@ def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
         except ValueError as error:
             raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
         ours = {slope.key: slope for slope in slopes if slope.study == study}
-        for expectation in wanted:
-            place = _place(record, expectation.number)
-            judged += expected(study, expectation, ours, path, place)
+        for number, expectation in enumerate(wanted, 1):
+            place = _place(record, number)
+            judged += expected(study, number, expectation, ours, path, place)
         judged += _floors(study, ours)
     return judged
 
 
 def expected(
     study: str,
-    wanted: Expectation,
+    number: int,
+    wanted: ExpectConfig,
     ours: Mapping[SeriesKey, Slope],
     path: Path,
     place: tuple[str, int] = ("", 0),
@@ -133,14 +134,18 @@ def expected(
     """What an expectation comes to for each series that it matches, or that it matches none.
 
     Args:
+        study: Name of the study.
+        number: Place of the expectation in its config, from 1.
+        wanted: The expectation.
         ours: Key → series, of those that it may be about.
+        path: The study's CSV.
         place: File and line of the expectation.
     """
     matched = [slope for slope in ours.values() if wanted.matches(slope.key)]
     if wanted.h is not None and not wanted.figure:
         matched = [slope for slope in matched if _at(slope, wanted.h).any()]
-    result = partial(Expected, study, wanted.number, wanted.figure)
-    label = wanted.label
+    result = partial(Expected, study, number, wanted.figure or "")
+    label, (low, high) = wanted.label or "", wanted.bounds
     if not matched:
         reason = f"{path} has no series with {wanted.described}"
         measured = f"no {label}" if label else ""
@@ -148,7 +153,6 @@ def expected(
         yield result(None, label or "no such series", "", *finding, "", *place)
     elif wanted.over is not None:
         symbols = ", ".join(dict.fromkeys(map(quantity, matched)))
-        low, high = wanted.at_least, wanted.at_most
         judged = _level(lambda: _quotients(wanted, matched, ours), low, high)
         label = label or f"quotients of {len(matched)} series"
         yield result(None, label, bounds(low, high), *judged, symbols, *place)
@@ -173,7 +177,7 @@ def _place(record: Mapping[str, Any], number: int) -> tuple[str, int]:
 _Finding = tuple[str, float, str, str]
 
 
-def _judged(wanted: Expectation, slope: Slope) -> Iterator[tuple[str, _Finding]]:
+def _judged(wanted: ExpectConfig, slope: Slope) -> Iterator[tuple[str, _Finding]]:
     """Each assertion of an expectation in words, with its finding."""
     if wanted.slope is not None:
         assert slope.rejudged is not None
@@ -184,10 +188,13 @@ def _judged(wanted: Expectation, slope: Slope) -> Iterator[tuple[str, _Finding]]
         said = f"slope {format_order(wanted.slope)} ± {again.tolerance:g}"
         reason = joined(orders, again.reason)
         yield said, (format_fit(again.fit), again.fit.slope, verdict, reason)
-    if wanted.bounded:
+    low, high = wanted.bounds
+    if (low, high) != (0, math.inf):
         where = "every h" if wanted.h is None else f"h = {wanted.h:g}"
-        said = f"{where}: {bounds(wanted.at_least, wanted.at_most)}"
-        yield said, _level(lambda: _points(slope, wanted.h)[1], wanted.at_least, wanted.at_most)
+        yield (
+            f"{where}: {bounds(low, high)}",
+            _level(lambda: _points(slope, wanted.h)[1], low, high),
+        )
     if wanted.spread is not None:
         said = f"(max − min)/min over h {bounds(0, wanted.spread)}"
         yield said, _level(lambda: _spread(slope), 0.0, wanted.spread)
@@ -234,7 +241,7 @@ def _points(slope: Slope, h: float | None = None) -> tuple[Array, Array]:
 
 
 def _quotients(
-    wanted: Expectation, matched: Iterable[Slope], ours: Mapping[SeriesKey, Slope]
+    wanted: ExpectConfig, matched: Iterable[Slope], ours: Mapping[SeriesKey, Slope]
 ) -> Array:
     """Quotients of all series and their divisors, at one step size or each."""
     quotients = []
@@ -243,7 +250,7 @@ def _quotients(
         if divisor is None:
             raise _NoDataError(f"{series_name(slope)}: no series to divide by")
         h, above = _points(slope, wanted.h)
-        other, below = _points(divisor, wanted.over_h or wanted.h)
+        other, below = _points(divisor, wanted.over.h or wanted.h)
         at_one = wanted.h is not None
         if not at_one and (len(h) != len(other) or not np.allclose(h, other, rtol=1e-9, atol=0)):
             raise _NoDataError(f"{series_name(slope)}, and its divisor: at different step sizes")

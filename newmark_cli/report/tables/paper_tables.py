@@ -9,7 +9,7 @@ from newmark_cli.report.tables import predicted_tables
 from newmark_cli.report.tables.study_tables import groups, report
 from newmark_cli.report.tables.table import Record, Report
 from newmark_cli.study import shipped
-from newmark_cli.study.tabulating import layouts
+from newmark_cli.study.table_keys import tables
 from newmark_cli.support.errors import ResultsError
 
 #: Study that the tables read.
@@ -60,8 +60,8 @@ def build(slopes: Iterable[Slope]) -> list[Entry]:
             f"no results of the shipped {STUDY}; run 'newmark-study run {STUDY}' first"
         )
     return [
-        Entry(layout.name, column, slope)
-        for layout in layouts(shipped.configs()[STUDY])
+        Entry(layout.table or "", column, slope)
+        for layout in tables(shipped.configs()[STUDY])
         for _, placed in groups(ours, layout)
         for column, slope in placed
     ]
@@ -70,12 +70,13 @@ def build(slopes: Iterable[Slope]) -> list[Entry]:
 def reports(slopes: Sequence[Slope]) -> list[Report]:
     """Both tables; the second begins with the factors themselves."""
     entries, both = build(slopes), []
-    for layout in layouts(shipped.configs()[STUDY]):
+    for layout in tables(shipped.configs()[STUDY]):
         measured = report(_ours(slopes), layout)
-        before = (predicted_tables.factors(),) if layout.name == "2" else ()
-        records = [entry.record for entry in entries if entry.table == layout.name]
-        tables = (*before, *measured.tables)
-        both.append(Report(measured.name, tables, measured.legend, records, COLUMNS))
+        before = (predicted_tables.factors(),) if layout.table == "2" else ()
+        records = [entry.record for entry in entries if entry.table == layout.table]
+        both.append(
+            Report(measured.name, (*before, *measured.tables), measured.legend, records, COLUMNS)
+        )
     return both
 
 

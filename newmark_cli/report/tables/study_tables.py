@@ -18,12 +18,13 @@ from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import ALIASES
-from newmark_cli.study.tabulating import AXES, VALUES, Layout, layouts
+from newmark_cli.study.table_keys import TableConfig, choice_of, table, tables
+from newmark_cli.study.tabulating import AXES, VALUES
 from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
 
 #: What a command prints of a study that does not say.
-USUAL = Layout(("preconditioning",), ("quantity",))
+USUAL = table(rows=["preconditioning"], columns=["quantity"])
 #: Values of each series in a list, by default.
 LISTED = ("slope", "stderr", "predicted", "verdict")
 
@@ -53,7 +54,7 @@ def _step(h: float) -> str:
 
 def from_options(
     rows: tuple[str, ...], columns: tuple[str, ...], as_list: bool, values: tuple[str, ...]
-) -> Layout:
+) -> TableConfig:
     """The table that options of a command ask for; what they leave open is as usual."""
     rows, columns = (tuple(ALIASES.get(axis, axis) for axis in axes) for axes in (rows, columns))
     for option, names, known in (
@@ -66,35 +67,35 @@ def from_options(
     if as_list and columns:
         raise InputError("--columns: --list has none; name axes of its rows with --rows")
     if as_list:
-        return Layout(rows, values=values or LISTED)
-    rows, columns = rows or USUAL.rows, columns or USUAL.columns
+        return table(rows=rows, values=values or LISTED)
+    rows, columns = rows or ("preconditioning",), columns or ("quantity",)
     if set(rows) & set(columns):
         both = ", ".join(axis for axis in columns if axis in rows)
         raise InputError(f"--columns: {both} tells the rows apart already")
-    return Layout(rows, columns, values=values or USUAL.values)
+    return table(rows=rows, columns=columns, values=values)
 
 
-def defined(folder: Path, study: str) -> list[Layout]:
+def defined(folder: Path, study: str) -> Sequence[TableConfig]:
     """Tables that the config of a study defines, by its record, or else the shipped one."""
     path = folder / f"{study}.csv"
     try:
-        return layouts(shipped.config_of(study, records.known(path), "tables"))
+        return tables(shipped.config_of(study, records.known(path), "tables"))
     except ValueError as error:
         raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
 
 
-def report(slopes: Iterable[Slope], layout: Layout) -> Report:
+def report(slopes: Iterable[Slope], layout: TableConfig) -> Report:
     """Tables of series; as a CSV, a list has numbers, and others have their entries."""
     ours = [slope for slope in slopes if slope.measure]
     titled = groups(ours, layout)
-    name = f"table-{layout.name}" if layout.name else "table"
+    name = f"table-{layout.table}" if layout.table else "table"
     legend = _legend(layout, [slope for _, placed in titled for _, slope in placed])
-    if layout.columns or layout.headings:
+    if layout.across:
         tables = [_cross(title, placed, layout) for title, placed in titled]
         return Report(name, tuple(tables), legend)
     tables = [_list(title, placed, layout) for title, placed in titled]
     rows = [_record(slope, layout) for _, placed in titled for _, slope in placed]
-    columns = (*(layout.rows or ("study", *AXES)), *layout.values)
+    columns = (*(layout.rows or ("study", *AXES)), *layout.shown)
     return Report(name, tuple(tables), legend, rows, columns)
 
 
@@ -102,37 +103,38 @@ def report(slopes: Iterable[Slope], layout: Layout) -> Report:
 Placed = tuple[str, Slope]
 
 
-def groups(slopes: Iterable[Slope], layout: Layout) -> list[tuple[str, list[Placed]]]:
+def groups(slopes: Iterable[Slope], layout: TableConfig) -> list[tuple[str, list[Placed]]]:
     """Title and entries of each table of a layout."""
-    ours = [slope for slope in slopes if is_among(slope, layout.choice)]
-    if not (layout.columns or layout.headings):
+    choice = choice_of(layout)
+    ours = [slope for slope in slopes if is_among(slope, choice)]
+    if not layout.across:
         return [(layout.title or ours[0].study, [("", slope) for slope in ours])] if ours else []
-    across = {axis for heading in layout.headings for axis in heading.choice} | {*layout.columns}
-    apart = [axis for axis in (*AXES, "initial") if axis not in (*layout.rows, *across)]
-    tables = grouped(ours, apart)
-    varying = [axis for i, axis in enumerate(apart) if len({where[i] for where in tables}) > 1]
-    titled = [(_title(layout, varying, group[0]), group) for group in tables.values()]
+    across = {axis for heading in layout.headings or () for axis in choice_of(heading)}
+    said = {*(layout.rows or ()), *(layout.columns or ()), *across}
+    apart = [axis for axis in (*AXES, "initial") if axis not in said]
+    found = grouped(ours, apart)
+    varying = [axis for i, axis in enumerate(apart) if len({where[i] for where in found}) > 1]
+    titled = [(_title(layout, varying, group[0]), group) for group in found.values()]
     return [(title, placed) for title, group in titled if (placed := _placed(group, layout))]
 
 
-def _title(layout: Layout, varying: Iterable[str], first: Slope) -> str:
+def _title(layout: TableConfig, varying: Iterable[str], first: Slope) -> str:
     """The title of one of several tables, with what distinguishes it."""
     values = joined_values(varying, first.key.named())
     title = f"{layout.title} ({values})" if layout.title and values else layout.title or values
     return title or first.study
 
 
-def _placed(slopes: Sequence[Slope], layout: Layout) -> list[Placed]:
+def _placed(slopes: Sequence[Slope], layout: TableConfig) -> list[Placed]:
     """Series by columns; under headings, the strongest for each entry."""
     if not layout.headings:
-        return [
-            (joined_values(layout.columns, slope.key.named()) or MISSING, slope) for slope in slopes
-        ]
+        across = layout.columns or ()
+        return [(joined_values(across, slope.key.named()) or MISSING, slope) for slope in slopes]
     return [
         (heading.label, _strongest(group))
         for heading in layout.headings
         for group in grouped(
-            (slope for slope in slopes if is_among(slope, heading.choice)), layout.rows
+            (slope for slope in slopes if is_among(slope, choice_of(heading))), layout.rows or ()
         ).values()
     ]
 
@@ -155,10 +157,10 @@ def _strongest(slopes: Sequence[Slope]) -> Slope:
     )  # fmt: skip
 
 
-def _cross(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
-    rows = {axis: partial(_row_name, axis) for axis in layout.rows}
+def _cross(title: str, placed: Sequence[Placed], layout: TableConfig) -> Table:
+    rows = {axis: partial(_row_name, axis) for axis in layout.rows or ()}
     entries = [{**slope.key.named(), "column": column, "slope": slope} for column, slope in placed]
-    return pivoted(title, entries, rows, "column", lambda e: _entry(e["slope"], layout.values))
+    return pivoted(title, entries, rows, "column", lambda e: _entry(e["slope"], layout.shown))
 
 
 def _entry(slope: Slope, values: Iterable[str]) -> str:
@@ -169,34 +171,34 @@ def _row_name(axis: str, value: str) -> str:
     return value_text(axis, value).removesuffix(" form") if value else MISSING
 
 
-def _list(title: str, placed: Sequence[Placed], layout: Layout) -> Table:
+def _list(title: str, placed: Sequence[Placed], layout: TableConfig) -> Table:
     slopes = [slope for _, slope in placed]
     varying = tuple(a for a in AXES if len({getattr(slope, a) for slope in slopes}) > 1)
     names = layout.rows or varying or ("quantity",)
     body = (
         (
             *(_row_name(axis, getattr(slope, axis)) for axis in names),
-            *(_TEXTS[name](slope) for name in layout.values),
+            *(_TEXTS[name](slope) for name in layout.shown),
         )
         for slope in slopes
     )
-    return Table(title, (*names, *layout.values), tuple(body))
+    return Table(title, (*names, *layout.shown), tuple(body))
 
 
-def _record(slope: Slope, layout: Layout) -> Record:
+def _record(slope: Slope, layout: TableConfig) -> Record:
     """A series for programs: axes of a list, and values as numbers."""
     row: dict[str, Any] = {**slope.row(), "predicted": slope.expected, "fitted": slope.fit.slope}
     names = layout.rows or ("study", *AXES)
-    return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.values}
+    return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.shown}
 
 
-def _legend(layout: Layout, slopes: Sequence[Slope]) -> tuple[tuple[str, str], ...]:
+def _legend(layout: TableConfig, slopes: Sequence[Slope]) -> tuple[tuple[str, str], ...]:
     """What entries and marks mean."""
-    if not (layout.columns or layout.headings):
-        legend = [(name, f"{VALUES[name]}.") for name in layout.values]
+    if not layout.across:
+        legend = [(name, f"{VALUES[name]}.") for name in layout.shown]
     else:
-        legend = [("", f"Entries: {': '.join(VALUES[name] for name in layout.values)}.")]
-    marks = {_marks(slope) for slope in slopes if "fitted" in layout.values}
+        legend = [("", f"Entries: {': '.join(VALUES[name] for name in layout.shown)}.")]
+    marks = {_marks(slope) for slope in slopes if "fitted" in layout.shown}
     if any("*" in mark for mark in marks):
         legend.append(("", "* marks what is eliminated and recovered from the other unknowns."))
     if any(MARK in mark for mark in marks):
