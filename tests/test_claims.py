@@ -196,7 +196,7 @@ def test_check_prints_claims(tmp_path):
     "change, said",
     [
         (lambda row: {"met": 999 if row["h"] == 1e-5 else row["met"]}, "every h: 1 "),
-        (lambda row: {"preconditioning": "none[left:]"}, "no optimal"),
+        (lambda row: {"preconditioning": "other[left:]"}, "no optimal"),
     ],
 )
 def test_check_fails_on_a_claim(tmp_path, change, said):

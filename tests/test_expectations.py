@@ -269,22 +269,16 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting):
     ("{measure: error, slop: 2}", "slop: unknown key; did you mean 'slope'?"),
     ("{measure: error}", "slope: missing: give slope, at_most, at_least, spread or status"),
     ("{measure: error, quantity: a, slope: 2}", "quantity: error has no 'a'; allowed: u, v, lam"),
-    ("{measure: correction, slope: -2}", "measure: 'correction' is not among the study's; did"),
     ("{measure: error, slope: two}", "slope: must be a number, given 'two'"),
     ("{measure: error, slope: 2, within: 0}", "within: must be greater than 0, given 0"),
     ("{measure: error, slope: 2, h: 1e-3}", "h: is where at_most or at_least hold"),
-    ("{measure: error, at_most: 1, h: 3e-3}", "h: '0.003' is not among the study's"),
     ("{measure: error, at_most: 1, at_least: 2}", "at_least: must not exceed at_most = 1, given 2"),
     ("{measure: error, at_most: 1, within: 2}", "within: is the tolerance of a slope"),
     ("{measure: history, slope: 0}", "within: missing: history has no tolerance of its own"),
-    ("{measure: error, slope: 2, form: v-lamda}", "form: 'v-lamda' is not among the study's; did"),
-    ("{measure: error, slope: 2, form: v-lambda}", "allowed: u-lambda"),
-    ("{measure: error, slope: 2, integrator: bdf2}", "allowed: generalized-alpha rho=0.9"),
+    ("{measure: error, slope: 2, form: v-lamda}", "form: unknown form 'v-lamda'; did you mean"),
+    ("{measure: error, slope: 2, integrator: bdf3}", "integrator: unknown"),
     ("{measure: error, slope: 2, integrator: {method: hht}}", "integrator.method: hht needs alpha"),
-    ("{measure: error, slope: 2, problem: other.yaml}", "problem: 'other.yaml' is not among"),
-    ("{measure: error, slope: 2, preconditioning: min}", "did you mean 'mine'?"),
-    ("{measure: error, slope: 2, linear_solver: gmres}", "allowed: dense-lu, sparse-lu, st"),
-    ("{measure: error, slope: 2, row_block: D}", "row_block: 'D' is not among the study's"),
+    ("{measure: error, slope: 2, linear_solver: gmre}", "did you mean 'gmres'?"),
     ("3", "must be a mapping of keys to values, given 3"),
 ])  # fmt: skip
 def test_mistakes(tmp_path, entry, words):
@@ -296,16 +290,6 @@ def test_mistakes(tmp_path, entry, words):
     assert words in str(caught.value)
 
 
-def test_no_case_has_all_of_it(cli):
-    """Each value is one of the study's, and no cell has both."""
-    cases = "cases:\n  - {h: [1e-2, 5e-3]}\n  - {h: 1e-3, form: v-lambda}\n"
-    text = STUDY.replace("h: [1e-2, 5e-3, 2e-3, 1e-3]\n", cases)
-    written(cli, "{measure: error, form: v-lambda, h: 1e-2, at_most: 1}", text=text)
-    assert cli.refused("validate", "swing.yaml").endswith(
-        f"line {text.count(chr(10)) + 2}: expect[1]: no series of the study has all of this"
-    )
-
-
 def test_in_python():
     """A dict has them, too; mistakes name the key."""
     study = {
@@ -314,8 +298,8 @@ def test_in_python():
         "expect": [{"measure": "condition", "slope": -4}],
     }  # fmt: skip
     assert newmark.slopes(newmark.run(study))["verdict"].tolist() == ["pass"]
-    with pytest.raises(newmark.InputError, match=r"^study: expect\[1\].form: 'a-lambda' is not"):
-        newmark.run(study | {"expect": [{"measure": "condition", "slope": -4, "form": "a-lambda"}]})
+    with pytest.raises(newmark.InputError, match=r"^study: expect\[1\].form: unknown form"):
+        newmark.run(study | {"expect": [{"measure": "condition", "slope": -4, "form": "a-lamb"}]})
 
 
 def test_junit(expecting):

@@ -38,7 +38,7 @@ from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.problems.problem import Problem, is_beyond
-from newmark_cli.study import axes, drawing, expecting, fitting, keys
+from newmark_cli.study import axes, drawing, fitting, keys
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
@@ -442,7 +442,6 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     assert len(study.cases) == len(entries)
     _require_shown(document, study)
     _refuse_repeated_names(document, study)
-    study = expecting.resolved(document, study)
     lines = (document.line(("expect", i)) for i in range(len(study.expect or ())))
     study._expected_at = (document.name, tuple(filter(None, lines)))
     for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):

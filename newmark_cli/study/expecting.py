@@ -1,11 +1,10 @@
-"""The key `expect` of a study config: its models, and whether the study has such series.
+"""The key `expect` of a study config: its models.
 
 A record is read by the same models; there and in shipped configs values are spelled as in CSVs.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from itertools import chain, product
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from types import NoneType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
@@ -22,9 +21,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import Projection, reported
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, SPARSE, STATIC
+from newmark_cli.newmark.linear.choice import AUTO
 from newmark_cli.study import axes, drawing, keys
 from newmark_cli.study.axes import Axis, SeriesKey
 from newmark_cli.study.cell import STATUSES
@@ -37,11 +34,8 @@ from newmark_cli.study.keys import (
     RowBlocks,
     Word,
 )
-from newmark_cli.study.measures import MEASURES, RECORDS
+from newmark_cli.study.measures import RECORDS
 from newmark_cli.support.documents import (
-    Document,
-    KeyPath,
-    Mistakes,
     Number,
     RuledModel,
     StrictModel,
@@ -51,7 +45,7 @@ from newmark_cli.support.json_schema import JsonSchema, Shown, also
 from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
-    from newmark_cli.study.config import Case, Study
+    pass
 
 _MOST = 1_000
 _Choice = Mapping[str, Sequence[str]]
@@ -83,6 +77,13 @@ def recorded(config: Any, key: str, entries: TypeAdapter[Any]) -> Any:
         raise ValueError(f"{key}: not as written by a run: {where}: {first['msg']}") from None
 
 
+def _means(axis: str, word: str, value: str) -> bool:
+    """Whether a word of an expectation is a value; `auto` stands for whatever was chosen."""
+    if axis == "preconditioning":
+        return word in (value, value.partition("[")[0])  # one's own scalings go by their names
+    return word in (value, AUTO) and (word == value or axis in ("linear_solver", "multipliers"))
+
+
 def choice_of(entry: Any) -> dict[str, tuple[str, ...]]:
     """Axis → values of an entry that chooses series, spelled as in CSVs."""
     axis_names = (*drawing.COMPARABLE, "initial")
@@ -112,7 +113,8 @@ class _Rules(RuledModel):
     def matches(self, key: SeriesKey) -> bool:
         """Whether it is about a series."""
         return key.measure == self.measure and all(
-            getattr(key, axis) in values for axis, values in choice_of(self).items()
+            any(_means(axis, word, getattr(key, axis)) for word in words)
+            for axis, words in choice_of(self).items()
         )
 
     def divisor(self, key: SeriesKey) -> SeriesKey:
@@ -172,7 +174,8 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
         try:
             return _label(axis, axis.value(parse(value)))
         except ValidationError:
-            if isinstance(value, str):  # as in the CSV; compared with the study's later
+            # A file by its label, a scaling of one's own by its name, a test as the CSV has it.
+            if axis.name in ("problem", "preconditioning", "stop") and isinstance(value, str):
                 return axis.same(value)
             raise
 
@@ -249,134 +252,3 @@ def expectations(config: Any) -> tuple[ExpectConfig, ...]:
     """Expectations of a record or a shipped config; see `recorded`."""
     found: tuple[ExpectConfig, ...] = recorded(config, "expect", _EXPECTATIONS)
     return found
-
-
-# -- the study's cases ------------------------------------------------------------------------
-
-
-def resolved(document: Document, study: "Study") -> "Study":
-    """The study with the values of its expectations as its CSV will have them.
-
-    Refuses expectations of which no cell can give a series.
-    """
-    if study.expect is None:
-        return study
-    offered = [_Offered(case) for case in study.cases]
-    mistakes = Mistakes()
-    expectations = []
-    for i, expectation in enumerate(study.expect):
-        with mistakes.gathered():
-            expectations.append(_resolved(document, ("expect", i), expectation, offered))
-    mistakes.refuse()
-    return study.model_copy(update={"expect": tuple(expectations)})
-
-
-class _Offered:
-    """The series that a case can give."""
-
-    def __init__(self, case: "Case") -> None:
-        self.h = case.h
-        self.measures = [MEASURES[name] for name in case.measure]
-        self.records = [record.name for measure in self.measures for record in measure.records]
-        values = axes.values(case)
-        self._forms, self._formulations = values["form"], values["formulation"]
-        #: Axis → how an expectation may spell a value → as the CSV may have it.
-        self.spellings: dict[str, dict[str, list[str]]] = {}
-        for axis in _AXES:
-            spellings = self.spellings[axis.name] = {}
-            for value in values[axis.name]:
-                labels = _labels(axis, value, values["projection"])
-                # One's own scalings go by their names, too.
-                name = value.name if axis.name == "preconditioning" else _label(axis, value)
-                for text in dict.fromkeys((*labels, name)):
-                    spellings.setdefault(text, []).extend(labels if text == name else [text])
-
-    def rows(self, measure: str, choice: _Choice) -> set[tuple[str, str]] | None:
-        """Quantity and row block of its rows of a measure; None where that is not known."""
-        forms = [form for form in self._forms if form in choice.get("form", [form])]
-        formulations = [
-            f for f in self._formulations if f.label in choice.get("formulation", [f.label])
-        ]
-        names_of_rows = set()
-        for candidate in self.measures:
-            if measure in (record.name for record in candidate.records):
-                if candidate.rows is None:
-                    return None
-                for form, formulation in product(forms, formulations):
-                    names = candidate.rows(formulation.applied(FORMS[form]))
-                    names_of_rows |= {(name[1], name[3]) for name in names if name[0] == measure}
-        return names_of_rows
-
-    def gives(self, wanted: Any, choice: _Choice) -> bool:
-        """Whether one of its series is what is expected something of."""
-        rows = self.rows(wanted.measure, choice)
-        return (
-            _has(self.h, wanted.h)
-            and all({*labels} & {*self.spellings[axis]} for axis, labels in choice.items())
-            and (rows is None or any(_is_about(wanted, *row) for row in rows))
-        )
-
-
-def _labels(axis: Axis, value: Any, projections: Iterable[Projection]) -> list[str]:
-    """A value of a case as the CSV may have it: `auto` depends on other axes."""
-    if axis.name == "linear_solver" and value == AUTO:
-        return [DENSE, SPARSE, STATIC]
-    if axis.name == "multipliers":
-        return [*dict.fromkeys(reported(value, projection) for projection in projections)]
-    return [_label(axis, value)]
-
-
-def _has(sizes: Sequence[float], h: float | None) -> bool:
-    return h is None or any(math.isclose(size, h, rel_tol=1e-9) for size in sizes)
-
-
-def _is_about(wanted: Any, quantity: str, row_block: str) -> bool:
-    return quantity in (wanted.quantity or [quantity]) and row_block in (
-        wanted.row_block or [row_block]
-    )
-
-
-def _names_of_rows(offered: Sequence[_Offered], measure: str) -> dict[str, list[str]]:
-    """Quantities and row blocks that rows of a measure may have; empty where nobody knows."""
-    rows = [case.rows(measure, {}) for case in offered]
-    if None in rows or not any(rows):
-        return {}
-    every = {row for of_case in rows for row in of_case or ()}
-    keys = ("quantity", "row_block")
-    return {key: sorted({row[k] for row in every} - {""}) for k, key in enumerate(keys)}
-
-
-def _resolved(document: Document, path: KeyPath, wanted: Any, offered: Sequence[_Offered]) -> Any:
-    mistakes = Mistakes()
-
-    def require(key: str, values: Iterable[Any], known: Iterable[str]) -> None:
-        names = dict.fromkeys(known)
-        for value in values:
-            if value not in names:
-                text = f"{value!r} is not among the study's{nearest(value, names)}"
-                mistakes.note(document.error((*path, key), text))
-
-    def chosen_of(entry: Any, prefix: str = "") -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Axis → values as spelled in an expectation or its divisor."""
-        for axis in _AXES:
-            if (values := getattr(entry, axis.name)) is not None:
-                known = (text for case in offered for text in case.spellings[axis.name])
-                require(prefix + axis.name, values, known)
-                yield axis.name, values
-
-    require("measure", [wanted.measure], (name for case in offered for name in case.records))
-    choice: dict[str, tuple[str, ...]] = {}
-    for name, values in chosen_of(wanted):
-        labels = (case.spellings[name].get(text, []) for case in offered for text in values)
-        choice[name] = tuple(dict.fromkeys(chain.from_iterable(labels)))
-    for key, there in _names_of_rows(offered, wanted.measure).items():
-        require(key, getattr(wanted, key) or (), there)
-    if not any(_has(case.h, wanted.h) for case in offered):
-        require("h", [f"{wanted.h:g}"], (f"{h:g}" for case in offered for h in case.h))
-    over = wanted.over
-    if over is not None:
-        over = over.model_copy(update=dict(chosen_of(over, "over.")))
-    mistakes.refuse()
-    if not any(case.gives(wanted, choice) for case in offered):
-        raise document.error(path, "no series of the study has all of this")
-    return wanted.model_copy(update={**choice, "over": over})
