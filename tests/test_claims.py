@@ -69,8 +69,8 @@ def test_shipped_configs_read_alike_as_data():
         study = config.load_shipped(name)
         assert plain(data) == plain(study.model_dump(mode="json", exclude_none=True)), name
     assert {name for name, data in shipped.configs().items() if plain(data)} == {
-        "cures", "drift", "error", "history", "krylov", "multipliers", "precision", "step-changes",
-        "tolerance",
+        "cures", "drift", "error", "floor", "history", "krylov", "multipliers", "precision",
+        "step-changes", "tolerance",
     }  # fmt: skip
 
 

@@ -417,7 +417,7 @@ FIGURE_MISTAKES = [
     ),
     ("- {measure: correction, curves: [{label: x}]}", "figures[1].curves: belong to a figure"),
     ("- {measure: correction, kind: order}", "line 8: figures[1].kind: unknown name 'order'; did"),
-    ("- {measure: correction, evaluation: direct, columns: 9}", "line 8: figures[1].columns: must be"),
+    ("- {measure: correction, columns: 9}", "line 8: figures[1].columns: must be"),
     (
         "- {measure: correction, figure: 7, title: t, problem: pendulum, quantity: u,\n"
         "   curves: [{label: a, colour: red}]}",

@@ -120,7 +120,8 @@ class _Rules(RuledModel):
     def divisor(self, key: SeriesKey) -> SeriesKey:
         """The series that the values of a series are divided by."""
         differs = {axis: value for axis, (value,) in choice_of(self.over).items()}
-        return SeriesKey.of(key.named() | differs)
+        measure = self.over.measure or self.measure
+        return SeriesKey.of(key.named() | differs | {"measure": measure})
 
     def _misfits(self) -> Iterator[PydanticCustomError]:
         yield from unknown(self.measure, self.quantity, RECORDS[self.measure].quantities)
@@ -216,6 +217,7 @@ else:
         "OverConfig",
         __base__=StrictModel,
         __doc__="What the values of a series are divided by: where the divisor differs from it.",
+        measure=optional(Recorded, "kind of rows; that of the numerator if omitted"),
         quantity=_one(optional(Quantities, "")),
         **{axis.name: _one(chosen(axis)) for axis in _AXES},
         h=optional(Positive, "step size of the divisor (s)"),

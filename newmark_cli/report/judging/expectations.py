@@ -15,13 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.newmark.linear.choice import GMRES
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders, gathered
 from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, SHOWN, UNDECIDED, joined
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.figures import floor_of
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
@@ -29,11 +27,6 @@ from newmark_cli.study.expecting import ExpectConfig, expectations
 from newmark_cli.study.reading import mapping
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import ResultsError
-
-#: Points of a study from which on its predicted floors are judged.
-_FEWEST_FLOORS = 10
-#: Factors within which nine in ten quotients of a floor and its correction, and all, must be.
-_NEAR, _FAR = 2.0, 10 / 3
 
 
 @dataclass(frozen=True)
@@ -119,7 +112,6 @@ def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
         for number, expectation in enumerate(wanted, 1):
             place = _place(record, number)
             judged += expected(study, number, expectation, ours, path, place)
-        judged += _floors(study, ours)
     return judged
 
 
@@ -275,45 +267,6 @@ def bounds(low: float, high: float) -> str:
     if math.isinf(high):
         return f"at least {low:g}"
     return f"{low:.3g} to {high:.3g}" if low else f"at most {high:g}"
-
-
-def _floors(study: str, ours: Mapping[SeriesKey, Slope]) -> Iterator[Expected]:
-    """Predicted floors of corrections beside the corrections, of a study that has both.
-
-    Nine in ten of a few points would mean all of them; and where a Krylov solver stops,
-    rounding is not what is left.  Points count where the cell ended well and a correction
-    was not zero throughout.
-    """
-    pairs = []
-    for slope in ours.values():
-        predicted = floor_of(slope.key)
-        direct = slope.measure == "correction" and slope.linear_solver != GMRES
-        # Of a study of the user's, what its config says is asserted, and nothing else.
-        if slope.shipped and direct and predicted is not None and predicted in ours:
-            pairs.append((ours[predicted], slope))
-    if sum(len(slope.h) for _, slope in pairs) < _FEWEST_FLOORS:
-        return
-    quotients = []
-    for floor, slope in pairs:
-        floors = dict(zip(floor.h.tolist(), floor.values.tolist(), strict=True))
-        quotients += [
-            floors[h] / value
-            for h, value, status in zip(
-                slope.h.tolist(), slope.values.tolist(), slope.statuses, strict=True
-            )
-            if status == "ok" and value > 0 and floors.get(h, math.nan) > 0
-        ]
-    said = f"nine in ten within a factor of {_NEAR:g}, all within {_FAR:.2g}"
-    judged: _Finding = "", math.nan, INCOMPLETE, "no step size with both"
-    if quotients:
-        ratios = np.array(quotients)
-        beyond = np.fmax(ratios, 1 / ratios)
-        share, worst = float(np.mean(beyond <= _NEAR)), float(ratios[np.argmax(beyond)])
-        verdict = PASS if share >= 0.9 and beyond.max() <= _FAR else MISS
-        judged = f"{share:.0%} of {len(ratios)}, worst {worst:.3g}", worst, verdict, ""
-    shown = ", ".join(dict.fromkeys(quantity(slope) for _, slope in pairs))
-    label = "predicted / measured correction"
-    yield Expected(study, 0, "floor", None, label, said, *judged, shown)
 
 
 # -- for people ---------------------------------------------------------------------------------
