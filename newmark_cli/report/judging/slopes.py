@@ -9,7 +9,6 @@ table of expected numbers.  Where theory predicts none, the series is shown.
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +40,7 @@ from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
 from newmark_cli.study.reading import (
     SERIES,
+    Facts,
     Motion,
     Table,
     facts,
@@ -184,7 +184,6 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         places.setdefault(values, []).append(place)
     lost = _lost(columns, marched)
     recorded = facts(path)
-    accepted = ("ok", *recorded.accepted)
     of_shipped = shipped.is_shipped(path.stem, recorded.config)
     try:
         drawing = _drawing(of_study(path.stem, recorded.config))
@@ -196,18 +195,15 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
         rows = {name: [columns[name][place] for place in at] for name in _READ}
         row = dict(zip(SERIES, named, strict=True))
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
-        role = str(row["role"])
-        if key.measure:
-            of_motion = recorded.motions.get(key.problem, Motion())
-            cell = tuple(row[name] for name in marched)
-            of_motion = replace(of_motion, lost=lost.get(cell, ""))
-            points = len(sizes[cases[at[0]]])
-            drawn = drawing.get(key, ())
-            series = partial(_slope, key, role, rows, points, accepted, path, of_motion, drawn)
-            slope = _shared(series(), recorded.released.get(key.problem))
-            slopes.append(replace(slope, rejudged=series, shipped=of_shipped))
-        elif not set(rows["status"]) <= set(accepted):
-            slopes.append(_failed(key, role))
+        if not key.measure and set(rows["status"]) <= {"ok", *recorded.accepted}:
+            continue
+        motion = recorded.motions.get(key.problem, Motion())
+        motion = replace(motion, lost=lost.get(tuple(row[name] for name in marched), ""))
+        series = _Series(
+            key, str(row["role"]), rows, len(sizes[cases[at[0]]]), recorded, motion,
+            drawing.get(key, ()), path, of_shipped,
+        )  # fmt: skip
+        slopes.append(series.slope() if key.measure else series.failed())
     return slopes
 
 
@@ -235,68 +231,157 @@ def _drawing(figures: Iterable[Figure]) -> Mapping[SeriesKey, list[Figure]]:
     return drawing
 
 
-def _slope(
-    key: SeriesKey,
-    role: str,
-    rows: Mapping[str, Sequence[Any]],
-    points: int,
-    accepted: Sequence[str],
-    path: Path,
-    of_motion: Motion,
-    figures: Sequence[Figure],
-    own: float | None = None,
-    within: float | None = None,
-) -> Slope:
-    """A series judged by the predicted order or the user's, with a tolerance."""
-    if key.measure not in RECORDS:
-        raise ResultsError(f"{path}: unknown measure {key.measure!r}; is it from a newer version?")
-    record = RECORDS[key.measure]
-    h = np.array(rows["h"], float)
-    values = record.drawn(rows)
-    expected = _predicted(key, path)
-    exact = bool(np.isposinf(expected))
-    if exact:
-        expected = np.nan  # no order at all
-    statuses = tuple(rows["status"])
-    if not set(statuses) <= {"ok"} and set(statuses) <= set(accepted):
+@dataclass(frozen=True)
+class _Series:
+    """Rows of a series, and what a verdict on it must know."""
+
+    key: SeriesKey
+    role: str
+    rows: Mapping[str, Sequence[Any]]  #: column → its values, in the order of the CSV
+    points: int  #: step sizes that series of its case have
+    facts: Facts
+    motion: Motion
+    figures: Sequence[Figure]  #: that draw it
+    path: Path
+    shipped: bool
+
+    def slope(self, own: float | None = None, within: float | None = None) -> Slope:
+        """It with a verdict, by the predicted order or the user's, with a tolerance."""
+        key, path = self.key, self.path
+        if key.measure not in RECORDS:
+            raise ResultsError(
+                f"{path}: unknown measure {key.measure!r}; is it from a newer version?"
+            )
+        record, statuses = RECORDS[key.measure], {*self.rows["status"]}
+        accepted = {"ok", *self.facts.accepted}
+        expected = _predicted(key, path)
         # A cell that was expected to end like this measured something else.
-        expected, exact = np.nan, False
-    tolerance = np.nan if np.isnan(expected) else _tolerance(record, bool(key.initial), figures)
-    if own is not None:
-        expected, tolerance = own, within or _tolerance(record, bool(key.initial), ())
-        # The order of a user is neither a bound nor met by zeros.
-        exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
-    irregular = "" if key.initial or record.kind == "determined" else _irregular(of_motion)
-    judgement = _judged(
-        key, record, rows, values, expected, tolerance, points, exact, irregular, own is not None
-    )
-    steps, rounding = (np.array(rows[name], float) for name in ("steps", ROUNDING))
-    # Where theory predicts an order, nobody can accept another.
-    ends_as_accepted = judgement.verdict == NOT_CONVERGING and "not_converging" in accepted
-    slope = Slope(
-        tuple(figure.name for figure in figures), key, role,
-        h, steps, values, rounding, statuses, judgement.fitted, judgement.fit,
-        expected, tolerance, judgement.verdict, judgement.reason,
-        accepted=ends_as_accepted and bool(np.isnan(expected)),
-        in_paper=any(figure.in_paper for figure in figures),
-    )  # fmt: skip
-    return _moved(slope if own is not None else _resolved(slope), of_motion)
+        if not statuses <= {"ok"} and statuses <= accepted:
+            expected = np.nan
+        exact = bool(np.isposinf(expected))
+        expected = np.nan if exact else expected  # no order at all
+        tolerance = np.nan if np.isnan(expected) else self._tolerance(record, self.figures)
+        if own is not None:
+            expected, tolerance = own, within or self._tolerance(record, ())
+            # The order of a user is neither a bound nor met by zeros.
+            exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
+        judgement = self._judgement(record, expected, tolerance, exact, own is not None)
+        verdict, reason = self._on_this_motion(record, judgement, own is not None)
+        # Where theory predicts an order, nobody can accept another.
+        ends_as_accepted = judgement.verdict == NOT_CONVERGING and "not_converging" in accepted
+        unique = own is not None or not self._dropped
+        return Slope(
+            tuple(figure.name for figure in self.figures), key, self.role,
+            np.array(self.rows["h"], float), np.array(self.rows["steps"], float),
+            record.drawn(self.rows), np.array(self.rows[ROUNDING], float),
+            tuple(self.rows["status"]), judgement.fitted, judgement.fit,
+            expected, tolerance, verdict, reason if unique else joined(reason, self._dropped),
+            accepted=ends_as_accepted and bool(np.isnan(expected)),
+            shipped=self.shipped,
+            in_paper=any(figure.in_paper for figure in self.figures),
+            unique=unique,
+            rejudged=self.slope,
+        )  # fmt: skip
 
+    def failed(self) -> Slope:
+        """It without a measure, of a cell that failed: incomplete."""
+        none = np.array([])
+        return Slope(
+            (), self.key, self.role, none, none, none, none, (), none.astype(bool),
+            power_law(none, none), np.nan, np.nan, INCOMPLETE,
+        )  # fmt: skip
 
-def _resolved(slope: Slope) -> Slope:
-    """Leave a miss undecided where h does not resolve a fixed rate α: orders need small α h."""
-    parameter = Formulation.parse(slope.formulation).parameter
-    if slope.verdict != MISS or parameter is None or parameter[0] != "rate":
-        return slope
-    products = parameter[1] * slope.h
-    if np.count_nonzero(products <= _SLOW) >= LEAST:
-        return slope
-    reason = f"α h is {products.min():.2g} to {products.max():.2g}: orders show below {_SLOW:g}"
-    return replace(slope, verdict=UNDECIDED, reason=joined(slope.reason, reason))
+    def _tolerance(self, record: Record, figures: Sequence[Figure]) -> float:
+        """The strictest tolerance of the figures with the series, else that of its measure."""
+        own = [figure.tolerance for figure in figures if figure.tolerance is not None]
+        default = record.tolerance_at_start if self.key.initial else None
+        return min(own, default=record.tolerance if default is None else default)
+
+    def _judgement(
+        self, record: Record, expected: float, tolerance: float, exact: bool, written: bool
+    ) -> Judgement:
+        """The verdict by the points; they stay in their order."""
+        key, rows = self.key, self.rows
+        h, values = np.array(rows["h"], float), record.drawn(rows)
+        ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
+
+        def plain(verdict: str, reason: str = "") -> Judgement:
+            return Judgement(verdict, power_law(h, values), np.full(len(h), True), reason)
+
+        if not np.isnan(expected):
+            # An exact zero at every h is within any order: a block that this problem lacks.
+            if record.may_vanish and bool((values == 0).all()):
+                return plain(PASS, "exactly 0: the problem lacks this block")
+            if ended:
+                return plain(INCOMPLETE, f"cells ended {', '.join(ended)}")
+            # Errors cost a reference and long runs: cases may have fewer step sizes on purpose.
+            if len(h) < self.points and record.kind != "truncation":
+                return plain(INCOMPLETE, f"{len(h)} of {self.points} h")
+        if record.at_end and len({t for t in rows["t_end"] if not np.isnan(t)}) > 1:
+            return plain(SHOWN, "taken at different times")
+        if not {*rows["status"]} <= {*record.ok}:
+            return plain(SHOWN)
+        order = np.argsort(-h, kind="stable")
+        multipliers = key.quantity in OF_MULTIPLIERS
+        regular = key.initial or record.kind == "determined"
+        judgement = judge(
+            Evidence(
+                h=h[order],
+                values=values[order],
+                uncertainty=_uncertainty(record, rows, values)[order],
+                steps=np.array(rows["steps"], float)[order],
+                kind=record.kind,
+                expected=expected,
+                tolerance=tolerance,
+                exact=exact,
+                bound=record.bounded(key),
+                coarse=record.coarse(key),
+                typical=np.array(rows["median"], float)[order],
+                largest=np.array(rows["max"], float)[order],
+                undamped=multipliers and record.alternates(key),
+                fading=record.fading(key) if multipliers else 0.0,
+                irregular="" if regular else _irregular(self.motion),
+                written=written,
+            )
+        )
+        fitted = np.empty(len(h), bool)
+        fitted[order] = judgement.fitted
+        return replace(judgement, fitted=fitted)
+
+    def _on_this_motion(
+        self, record: Record, judgement: Judgement, written: bool
+    ) -> tuple[str, str]:
+        """Verdict and reason where h does not resolve a rate, nothing moves, or something else."""
+        verdict, reason = judgement.verdict, judgement.reason
+        name, rate = Formulation.parse(self.key.formulation).parameter or ("", 0.0)
+        products = rate * np.array(self.rows["h"], float)
+        slow = np.count_nonzero(products <= _SLOW) >= LEAST
+        if verdict == MISS and name == "rate" and not slow and not written:
+            verdict, between = UNDECIDED, f"{products.min():.2g} to {products.max():.2g}"
+            reason = joined(reason, f"α h is {between}: orders show below {_SLOW:g}")
+        if self.key.initial or verdict in (SHOWN, INCOMPLETE) or record.kind == "determined":
+            return verdict, reason
+        if self.motion.still:
+            return UNDECIDED, "nothing moves: there is only rounding"
+        return verdict, reason if verdict == PASS else joined(reason, self.motion.lost)
+
+    @property
+    def _dropped(self) -> str:
+        """Why reactions are not unique; empty where they are, and of what is no reaction."""
+        dropped = self.facts.released.get(self.key.problem)
+        if (
+            dropped is None
+            or self.key.measure not in _OF_VALUES
+            or self.key.quantity not in _SHARED
+        ):
+            return ""
+        return f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
 
 
 #: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
 _SLOW = 0.1
+#: Quantities of these measures depend on which redundant rows were dropped, where any were.
+_OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
 
 
 def _irregular(motion: Motion) -> str:
@@ -312,94 +397,17 @@ def _lost(
     columns: Mapping[str, Sequence[Any]], marched: Sequence[str]
 ) -> dict[tuple[Any, ...], str]:
     """Axes of cells → at which h the energy, where it was measured, tells of another motion."""
-    names = ("measure", "quantity", "h", "max")
-    told: dict[tuple[Any, ...], tuple[float, float]] = {}
-    rows = zip(*(columns[name] for name in (*names, *marched)), strict=True)
-    for measure, quantity, h, misfit, *cell in rows:
+    told: dict[tuple[Any, ...], str] = {}
+    names = ("h", "measure", "quantity", "max", *marched)
+    rows = sorted(zip(*(columns[name] for name in names), strict=True), key=lambda row: row[0])
+    for h, measure, quantity, misfit, *cell in rows:
         if (measure, quantity) == ("invariant", "energy") and misfit > UNSTABLE_MISFIT:
-            told[tuple(cell)] = min(told.get(tuple(cell), (math.inf, 0.0)), (h, misfit))
-    return {
-        cell: f"at h = {h:g} the energy, which is conserved, is off by {misfit:.0%} of its size: "
-        "what is marched there is not the motion"
-        for cell, (h, misfit) in told.items()
-    }
-
-
-def _moved(slope: Slope, motion: Motion) -> Slope:
-    """The verdict where nothing moves, and the reason where something else does."""
-    if slope.initial or slope.verdict in (SHOWN, INCOMPLETE) or slope.record.kind == "determined":
-        return slope
-    if motion.still:
-        return replace(slope, verdict=UNDECIDED, reason="nothing moves: there is only rounding")
-    return replace(slope, reason=joined(slope.reason, "" if slope.verdict == PASS else motion.lost))
-
-
-#: Quantities of these measures depend on which redundant rows were dropped, where any were.
-_OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
-
-
-def _shared(slope: Slope, dropped: Sequence[str] | None) -> Slope:
-    """Mark a series of reactions that are not unique."""
-    if dropped is None or slope.measure not in _OF_VALUES or slope.quantity not in _SHARED:
-        return slope
-    reason = f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
-    reason = joined(slope.reason, reason)
-    return replace(slope, reason=reason, unique=False)
-
-
-def _judged(
-    key: SeriesKey,
-    record: Record,
-    rows: Mapping[str, Sequence[Any]],
-    values: Array,
-    expected: float,
-    tolerance: float,
-    points: int,
-    exact: bool,
-    irregular: str,
-    written: bool,
-) -> Judgement:
-    """The verdict on one series; points stay in their order."""
-    h = np.array(rows["h"], float)
-    everything = np.full(len(h), True)
-    if not np.isnan(expected):
-        # An exact zero at every h is within any order: a block that this problem lacks.
-        if record.may_vanish and bool((values == 0).all()):
-            return Judgement(
-                PASS, power_law(h, values), everything, "exactly 0: the problem lacks this block"
+            told.setdefault(
+                tuple(cell),
+                f"at h = {h:g} the energy, which is conserved, is off by {misfit:.0%} of its "
+                "size: what is marched there is not the motion",
             )
-        ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
-        # Errors cost a reference and long runs: cases may have fewer step sizes on purpose.
-        if ended or (len(h) < points and record.kind != "truncation"):
-            reason = f"cells ended {', '.join(ended)}" if ended else f"{len(h)} of {points} h"
-            return Judgement(INCOMPLETE, power_law(h, values), everything, reason)
-    if record.at_end and len({t for t in rows["t_end"] if not np.isnan(t)}) > 1:
-        return Judgement(SHOWN, power_law(h, values), everything, "taken at different times")
-    if not set(rows["status"]) <= set(record.ok):
-        return Judgement(SHOWN, power_law(h, values), everything)
-    order = np.argsort(-h, kind="stable")
-    evidence = Evidence(
-        h=h[order],
-        values=values[order],
-        uncertainty=_uncertainty(record, rows, values)[order],
-        steps=np.array(rows["steps"], float)[order],
-        kind=record.kind,
-        expected=expected,
-        tolerance=tolerance,
-        exact=exact,
-        bound=record.bounded(key),
-        coarse=record.coarse(key),
-        typical=np.array(rows["median"], float)[order],
-        largest=np.array(rows["max"], float)[order],
-        undamped=key.quantity in OF_MULTIPLIERS and record.alternates(key),
-        fading=record.fading(key) if key.quantity in OF_MULTIPLIERS else 0.0,
-        irregular=irregular,
-        written=written,
-    )
-    judgement = judge(evidence)
-    fitted = np.empty(len(h), bool)
-    fitted[order] = judgement.fitted
-    return replace(judgement, fitted=fitted)
+    return told
 
 
 #: Relative standard deviation by which the place of h between powers of two changes what
@@ -419,22 +427,6 @@ def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Arra
     if record.kind == "determined":
         return np.nan_to_num(relative, nan=0.0)
     return np.asarray(relative)
-
-
-def _tolerance(record: Record, at_start: bool, figures: Sequence[Figure]) -> float:
-    """The strictest tolerance of the figures with the series, else that of its measure."""
-    own = [figure.tolerance for figure in figures if figure.tolerance is not None]
-    default = record.tolerance_at_start if at_start else None
-    return min(own, default=record.tolerance if default is None else default)
-
-
-def _failed(key: SeriesKey, role: str) -> Slope:
-    """An incomplete series without a measure, for a cell that failed."""
-    none = np.array([])
-    return Slope(
-        (), key, role, none, none, none, none, (), none.astype(bool), power_law(none, none),
-        np.nan, np.nan, INCOMPLETE,
-    )  # fmt: skip
 
 
 def _predicted(key: SeriesKey, path: Path) -> float:
