@@ -114,9 +114,6 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
      "2 usable step sizes, .*"),
     ("an error that changes its sign is no order",
      evidence(**HEAVY_TOP), UNDECIDED, ".*"),
-    ("but leaves its neighbours on the line",
-     evidence([1e-2, 1e-4, 1e-9, 1e-8, 1e-10]), PASS,
-     "without h = 0.0001, where the error changes its sign"),
     # A reference that could not be had leaves an empty error.
     ("no value is incomplete", evidence([NAN, NAN, NAN]), INCOMPLETE, ".*"),
     ("iterations and histories are shown",
@@ -232,12 +229,6 @@ def scattered(values, expected, h=None, **rest):
     # As the pendulum's corrections do.
     ("scatter about an order passes", scattered([5e-9, 4e-7, 6e-5, 5e-3], -2.0), PASS, ""),
     ("flat is no order −2", scattered([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0), MISS, ".*"),
-    ("but that is how rounding of stiff forces fades, which theory knows",
-     scattered([3.4e-14, 4.2e-14, 1.5e-14, 2.9e-15, 3.4e-16, 7.2e-17], 0.0,
-               h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4], coarse=(2.0,)), UNDECIDED,
-     "terms of order 2 rule until smaller h lets those of order 0 overtake"),
-    ("and not how anything grows",
-     scattered([1e-9, 1e-8, 1e-7, 1e-6], 0.0, coarse=(2.0,)), MISS, ".*"),
     ("nor is −2.6", scattered([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0), MISS, ".*"),
     ("three points as predicted do not hide a fourth a thousand times too large",
      scattered([1e-12, 1e-10, 1e-8, 1e-3], -2.0), UNDECIDED, ".*the order still changes.*"),
@@ -264,19 +255,13 @@ def test_a_head_of_corrections_is_left_out():
 
 def condition(orders, expected, values=(), **rest):
     values = np.array(values or 10.0 ** np.cumsum([0.0, *(-order for order in orders)]))
-    rest = {"tolerance": 0.05, "typical": values} | rest
+    rest = {"tolerance": 0.05} | rest
     rest = {name: np.array(each) for name, each in rest.items()}
     return evidence(values, kind="determined", expected=expected, **rest)
 
 
 @each("said, given, verdict", [
     ("a crossover is on its way", condition([-2.0, -2.1, -2.7], -3.0), UNDECIDED),
-    ("or known to theory as what coarse steps show",
-     condition([-2.0, -2.0, -2.0], -3.0, coarse=(-3.0, -2.0)), UNDECIDED),
-    ("this is not what theory knows",
-     condition([-2.5, -2.5, -2.5], -3.0, coarse=(-3.0, -2.0)), MISS),
-    ("growing faster than predicted is never for lack of smaller steps",
-     condition([-1.0, -1.0, -1.0], 0.0, coarse=(0.0, 1.0)), MISS),
     ("multipliers that drift in the matrix decide nothing",
      condition([-2.0, -2.0, -2.34], -2.0), UNDECIDED),
 ])  # fmt: skip
@@ -290,16 +275,6 @@ def test_a_crossover_at_coarse_h():
     assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
 
 
-def test_coarse_marches_pass_other_states():
-    """Medians over a run, of two mechanisms: they may differ by as much as states of one run do."""
-    double = condition([], -2.0, values=[2614, 201811, 16149646], largest=[75075, 5.6e6, 2.2e7])
-    slider = condition([], -4.0, values=[7.1e7, 4.04e11, 2.36e15], largest=[3.7e8, 1.78e13, 7e15])
-    for varied, factor in ((double, 29), (slider, 44)):
-        require(varied, UNDECIDED, f"varies by a factor of {factor} along a run: smaller.*")
-        require(replace(varied, largest=1.1 * varied.typical), MISS)
-        require(replace(varied, expected=0.0), MISS)
-
-
 def test_a_block_that_a_problem_lacks():
     """It is rounding of 0, which neighbouring states tell; what is above must have the order."""
     h = 10.0 ** -np.arange(3, 7)
@@ -310,16 +285,3 @@ def test_a_block_that_a_problem_lacks():
     require(evidence(1e-9 * h, rounding=1e-3 * h, **of_block), UNDECIDED)
     require(evidence(1e-9 * h, rounding=1e-18 * h, **of_block), MISS)
     require(evidence(1e-9 * h**2, rounding=1e-18 * h**2, **of_block), PASS)
-
-
-def test_a_bound_that_a_few_steps_come_close_to():
-    """Each step is within the bound; the rms of all is steeper while ever more come close."""
-    h = np.array([1e-3, 3e-4, 1e-4, 3e-5])
-    of_bound = {"h": h, "bound": "rounds"}
-    rms, median = 1e-22 * h**-3, 1e-17 / h
-    require(scattered(rms, -2, **of_bound, typical=median), UNDECIDED,
-            "a few steps rule; the median has order −1.00")  # fmt: skip
-    require(scattered(rms, -2, **of_bound, typical=rms / 3), MISS)
-    require(scattered(rms, -2, **of_bound), MISS)
-    require(scattered(rms, -2, h=h, typical=median), MISS)
-    require(scattered(median, -2, **of_bound), PASS, "at least order −2, a bound: rounds")

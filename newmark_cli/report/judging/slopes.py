@@ -335,9 +335,6 @@ class _Series:
                 tolerance=tolerance,
                 exact=exact,
                 bound=record.bounded(key),
-                coarse=record.coarse(key),
-                typical=np.array(rows["median"], float)[order],
-                largest=np.array(rows["max"], float)[order],
                 undamped=multipliers and record.alternates(key),
                 fading=record.fading(key) if multipliers else 0.0,
                 irregular="" if regular else _irregular(self.motion),
@@ -356,6 +353,7 @@ class _Series:
         name, rate = Formulation.parse(self.key.formulation).parameter or ("", 0.0)
         products = rate * np.array(self.rows["h"], float)
         slow = np.count_nonzero(products <= _SLOW) >= LEAST
+        # As a pendulum's corrections with α = 1000 and h from 0.1 to 0.003.
         if verdict == MISS and name == "rate" and not slow and not written:
             verdict, between = UNDECIDED, f"{products.min():.2g} to {products.max():.2g}"
             reason = joined(reason, f"α h is {between}: orders show below {_SLOW:g}")

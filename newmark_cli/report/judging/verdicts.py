@@ -6,12 +6,12 @@ interval is: within the tolerance of the predicted order, outside it, or neither
 """
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from newmark_cli.report.judging.fits import Fit, format_fit, format_order, log10, power_law
+from newmark_cli.report.judging.fits import Fit, format_order, log10, power_law
 from newmark_cli.support.arrays import Array, Mask
 
 #: As predicted; not so.
@@ -34,8 +34,6 @@ LEAST = 3
 #: tell rounding to a factor of 10.  They do not see what is alike in all of them, and rounding
 #: that is alike in N steps adds up to √N times as much.
 RULED, _CLEAR = 0.5, 0.1
-#: Relative uncertainty of corrections from which on a few steps rule their rms.
-_FEW = 0.25
 #: Least range of h that can speak against a series, but for rounding of its ends.
 _DECADE = 9.99
 #: Largest relative error that is small enough for its order to be that of the first term.
@@ -63,12 +61,6 @@ class Evidence:
     tolerance: float = math.nan  #: largest |fitted − expected|; NaN likewise
     exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
     bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
-    #: Orders that may show where h is too coarse, besides the predicted one.
-    coarse: Collection[float] = ()
-    #: (points,) medians over the steps; empty where they are not known.
-    typical: Array = field(default_factory=lambda: np.empty(0))
-    #: (points,) largest values over the steps; empty likewise.
-    largest: Array = field(default_factory=lambda: np.empty(0))
     undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
     #: what a step leaves of the alternation that multipliers have from the start; 0 of others
     fading: float = 0.0
@@ -196,12 +188,13 @@ def _windows(points: Mask) -> Iterator[Mask]:
 
 def _passed(evidence: Evidence, points: Mask, left: str) -> Judgement | None:
     """The pass of a series with a predicted order, if it passes."""
-    dips = _without_dip(evidence, points) if evidence.kind == "truncation" else ()
-    for window in (*_windows(points), *dips):
+    for window in _windows(points):
         fit = _fit(evidence, window)
         off = fit.slope - evidence.expected
         if abs(off) <= evidence.tolerance and fit.margin <= 2 * evidence.tolerance:
-            return Judgement(PASS, fit, window, joined(_left_out(evidence, points, window), left))
+            first = int(np.argmax(window))
+            head = f"order shows from h = {evidence.h[first]:g}" if points[:first].any() else ""
+            return Judgement(PASS, fit, window, joined(head, left))
         if evidence.bound and off - fit.margin >= -evidence.tolerance:
             reason = f"at least order {format_order(evidence.expected)}, a bound: {evidence.bound}"
             return Judgement(PASS, fit, window, joined(reason, left))
@@ -226,28 +219,6 @@ def _missed(evidence: Evidence, points: Mask, left: str) -> Judgement:
             return Judgement(UNDECIDED if spared else MISS, fit, window, joined(reason, left))
     seen, left = _above(evidence, _CLEAR)
     return _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), left))
-
-
-def _without_dip(evidence: Evidence, points: Mask) -> Iterator[Mask]:
-    """The points without one far below the line of the others, where an error changes sign."""
-    places = np.flatnonzero(points)
-    if len(places) <= LEAST:
-        return
-    for place in places.tolist():
-        window = points.copy()
-        window[place] = False
-        if evidence.values[place] < _fit(evidence, window)(evidence.h[place : place + 1])[0] / 2:
-            yield window
-
-
-def _left_out(evidence: Evidence, points: Mask, window: Mask) -> str:
-    """Which points a pass leaves out, and why."""
-    left, first = np.flatnonzero(points & ~window), int(np.argmax(window))
-    if not len(left):
-        return ""
-    if left.max() > first:
-        return f"without h = {evidence.h[left[0]]:g}, where the error changes its sign"
-    return f"order shows from h = {evidence.h[first]:g}"
 
 
 def _stalls(evidence: Evidence, points: Mask) -> bool:
@@ -279,37 +250,16 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
 
 
 def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
-    """Why a slope outside the tolerance is no miss; empty if it is one."""
+    """Why the slope of an error outside the tolerance is no miss; empty if it is one."""
+    if evidence.kind != "truncation":
+        return ""
     least = float(evidence.values[fitted].min())
-    if evidence.kind == "truncation" and least > _SMALL:
+    if least > _SMALL:
         return f"errors of {least:.0%} are not small, which orders are about"
-    if evidence.kind == "truncation" and fit.slope > evidence.expected:
+    # As those of BDF2 near a change point, where an error that ends small has been large.
+    if fit.slope > evidence.expected:
         shows = "shows at smaller h" if fitted[-1] else "rounding hides"
         return f"falls faster than order {format_order(evidence.expected)}, which {shows}"
-    for other in evidence.coarse:
-        # The rms of steps goes over from one order to the other slowly.
-        between = evidence.kind == "rounding" and evidence.expected < fit.slope < other
-        near = other > evidence.expected and abs(fit.slope - other) <= 2 * evidence.tolerance
-        if near or between:
-            return (
-                f"terms of order {format_order(other)} rule until smaller h lets those of order "
-                f"{format_order(evidence.expected)} overtake"
-            )
-    if evidence.kind == "determined" and len(evidence.largest):
-        # A coarse march passes other states than a fine one.
-        factor = (evidence.largest[fitted] / evidence.typical[fitted]).max()
-        first, last = evidence.h[fitted][[0, -1]]
-        if abs(fit.slope - evidence.expected) < log10(factor) / log10(first / last):
-            more = _further(evidence, fitted)
-            return f"varies by a factor of {factor:.2g} along a run: {more} h would decide"
-    few = evidence.kind == "rounding" and bool((evidence.uncertainty[fitted] > _FEW).any())
-    if (evidence.bound or few) and len(evidence.typical):
-        typical = power_law(evidence.h, evidence.typical)
-        if typical.points >= LEAST and typical.slope >= evidence.expected - evidence.tolerance:
-            # Of a bound it changes with h how many steps come close to it.
-            return f"a few steps rule; the median has order {format_fit(typical)}"
-    if few:
-        return "a few steps rule: more steps would decide"
     return ""
 
 
