@@ -145,8 +145,6 @@ class Record:
     #: statistic that is drawn where a Krylov solver has stagnated, if another
     at_limit: str | None = None
     at_end: bool = False  #: whether it is taken at t_end, so that all of a series must end together
-    #: orders that a series may show while h is too coarse, from its key
-    coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
     #: why the predicted order is only a lower bound, from the key; empty where it is the order
     bounded: Callable[[SeriesKey], str] = lambda key: ""
     #: whether an error may alternate undamped from step to step, from the key
@@ -396,7 +394,6 @@ CORRECTION = Measure(
         "last decreasing correction",
         predicted=_order_of_correction,
         tolerance=0.15,
-        coarse=lambda key: (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),),
         bounded=_bound_of_correction,
     ),
     _Corrections,
@@ -421,13 +418,6 @@ class _Conditions(Observer):
         return [Measurement("jacobian", "condition", "primary", values)]
 
 
-def _coarse_orders_of_condition(key: SeriesKey) -> tuple[float, ...]:
-    """Orders of C while terms that do not rule for h → 0 are still the largest of J̄ and J̄⁻¹."""
-    jacobian, inverse = _orders_of(key).scaled(_scaling_of(key))
-    products = {float(a + b) for a in jacobian.ravel() for b in inverse.ravel()}
-    return tuple(sorted(order for order in products if np.isfinite(order)))
-
-
 CONDITION = Measure(
     "condition",
     "condition number of the scaled Jacobian",
@@ -441,7 +431,6 @@ CONDITION = Measure(
             # Condition numbers are not noisy; along a run they still vary with the motion.
             0.05,
             0.02,
-            coarse=_coarse_orders_of_condition,
             quantities=("jacobian",),
         ),
     ),
