@@ -70,9 +70,9 @@ def of(
         and hold(outcomes)
         and any(slope.study == paper_tables.STUDY and slope.shipped for slope in slopes)
     ):
-        for entry in paper_tables.not_as_predicted(paper_tables.build(slopes)):
-            verdict, text = entry.slope.verdict, "not as predicted"
-            outcomes.append(Outcome(paper_tables.STUDY, entry.name, verdict, text, shown=False))
+        for name, slope in paper_tables.not_as_predicted(slopes):
+            text = "not as predicted"
+            outcomes.append(Outcome(paper_tables.STUDY, name, slope.verdict, text, shown=False))
     return outcomes
 
 
