@@ -1,8 +1,7 @@
 """Results as one HTML page that needs no other file."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
-from newmark_cli.report.reading.figures import Figure
 from newmark_cli.report.tables import check, outcomes, paper_tables, study_tables
 from newmark_cli.report.tables.table import Report
 from newmark_cli.support import files
@@ -24,29 +22,6 @@ from newmark_cli.support.errors import InputError
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "{http://www.w3.org/1999/xlink}href"
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure on the page."""
-
-    name: str  #: its name
-    title: str  #: what it shows
-    caption: str  #: what stands below it
-    label: str  #: what it says, for those who do not see it
-    svg: str  #: markup, its ids unique on the page
-    wide: bool  #: whether it is wider than a journal's column
-
-
-@dataclass(frozen=True)
-class Run:
-    """A study on the page."""
-
-    study: str  #: its name
-    description: str  #: one line; empty where the config has none
-    facts: Mapping[str, str]  #: where its results come from, by name; empty without a record
-    cells: Sequence[tuple[str, ...]]  #: table of its cells, headings first
-    config: str  #: the resolved config as YAML
 
 
 def write(folder: Path, output: Path | None = None) -> Path:
@@ -85,7 +60,7 @@ def html(folder: Path) -> str:
     )
     return environment.get_template("page.html").render(
         version=newmark_cli.__version__,
-        finished=max((run.facts.get("finished", "") for run in runs), default=""),
+        finished=max((run["facts"].get("finished", "") for run in runs), default=""),
         holds=outcomes.hold(outcomes.of(series, expected, changed)),
         changed=[f"{entry.path}: {entry.finding}" for entry in changed],
         summary=check.summary(series, expectations.summary(expected)),
@@ -93,43 +68,37 @@ def html(folder: Path) -> str:
         rest=check.slope_rows([slope for slope in series if slope not in shown]),
         claims=expectations.claim_rows(expected),
         expectations=expectations.table(expected),
-        pictures=pictures(Results(folder, series)),
+        pictures=list(_pictures(Results(folder, series))),
         tables=_tables(folder, series),
         timings=records.timing_rows(provenance),
         runs=runs,
     )
 
 
-def pictures(results: Results) -> list[Picture]:
+def _pictures(results: Results) -> Iterator[dict[str, Any]]:
     """Figures that the results are enough for, and shipped mechanisms in space they are of."""
-    every = plot.chosen((), results, Choice(everything=True)).figures
-    drawn = [_picture(figure, results) for figure in every]
-    problems = dict.fromkeys(slope.problem for slope in results.slopes)
-    return drawn + [_mechanism(name) for name in problems if registry.is_spatial(name)]
-
-
-def _mechanism(name: str) -> Picture:
-    subject, title = registry.problem(name), registry.about(name).title
-    sheet = mechanism_sheet(title, subject, subject.u0)
-    svg = inline_svg(draw.drawn(sheet), f"mechanism-{name}-", sheet.words)
-    caption = f"{name}: {title}, initial position"
-    if subject.released:
-        caption += f"; redundant, dropped: {', '.join(subject.released)}"
-    return Picture(f"mechanism-{name}", title, caption, sheet.words, svg, sheet.wide)
-
-
-def _picture(figure: Figure, results: Results) -> Picture:
-    sheet = sheets.sheet(figure, results)
-    svg = inline_svg(draw.drawn(sheet), f"figure-{figure.name}-", sheet.words)
-    if plot.stem(figure) == figure.name:
-        caption = figure.study
-    elif figure.name[0].isdigit():
-        caption = f"Figure {figure.name}"
-    else:
+    for figure in plot.chosen((), results, Choice(everything=True)).figures:
         caption = figure.name.capitalize()
-    return Picture(
-        figure.name, figure.title, f"{caption}: {figure.title}", sheet.words, svg, sheet.wide
-    )
+        if plot.stem(figure) == figure.name:
+            caption = figure.study
+        elif figure.name[0].isdigit():
+            caption = f"Figure {figure.name}"
+        sheet = sheets.sheet(figure, results)
+        yield _picture(sheet, f"figure-{figure.name}", figure.title, f"{caption}: {figure.title}")
+    for name in dict.fromkeys(slope.problem for slope in results.slopes):
+        if registry.is_spatial(name):
+            subject, title = registry.problem(name), registry.about(name).title
+            caption = f"{name}: {title}, initial position"
+            if subject.released:
+                caption += f"; redundant, dropped: {', '.join(subject.released)}"
+            sheet = mechanism_sheet(title, subject, subject.u0)
+            yield _picture(sheet, f"mechanism-{name}", title, caption)
+
+
+def _picture(sheet: Any, name: str, title: str, caption: str) -> dict[str, Any]:
+    """A figure on the page: its ids are unique there, and its label is for those who hear it."""
+    svg = inline_svg(draw.drawn(sheet), f"{name}-", sheet.words)
+    return {"title": title, "caption": caption, "svg": svg, "wide": sheet.wide}
 
 
 def inline_svg(drawing: Drawing, prefix: str, label: str) -> str:
@@ -168,13 +137,14 @@ def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
     return [report for report in reports if report.tables]
 
 
-def _run(study: str, record: Mapping[str, Any]) -> Run:
+def _run(study: str, record: Mapping[str, Any]) -> dict[str, Any]:
+    """A study on the page; only its name where it has no record."""
     if not record:
-        return Run(study, "", {}, [], "")
-    return Run(
-        study,
-        records.description(record),
-        records.facts(record),
-        records.cell_rows(record),
-        records.config_text(record),
-    )
+        return {"study": study, "facts": {}}
+    return {
+        "study": study,
+        "description": records.description(record),
+        "facts": records.facts(record),
+        "cells": records.cell_rows(record),
+        "config": records.config_text(record),
+    }
