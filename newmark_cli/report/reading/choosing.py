@@ -27,12 +27,25 @@ def grouped(slopes: Iterable["Slope"], axes: Sequence[str]) -> dict[tuple[str, .
     return groups
 
 
-def is_among(slope: "Slope", choice: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a series is chosen, axis → values; a scaling of one's own may go by its name."""
+def is_among(series: "Slope | SeriesKey", choice: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a series has one of the values of every axis, as people or CSVs write them.
+
+    Axes without a value leave the choice open; a measure is the kind of its rows.
+    """
     return all(
-        {getattr(slope, axis), getattr(slope, axis).partition("[")[0]} & {*values}
-        for axis, values in choice.items()
+        not words
+        or (
+            series.measure in words
+            if axis == "measure"
+            else any(means(axis, word, getattr(series, axis)) for word in words)
+        )
+        for axis, words in choice.items()
     )
+
+
+def select(slopes: Iterable["Slope"], **axes: Sequence[str]) -> list["Slope"]:
+    """The series that have one of the values of every axis; see `is_among`."""
+    return [slope for slope in slopes if is_among(slope, axes)]
 
 
 @dataclass(frozen=True)
@@ -55,14 +68,11 @@ class Choice:
 
     def keeps(self, series: "Slope | SeriesKey") -> bool:
         """Whether a series has one of the values of every axis."""
-        return all(
-            not words or any(means(axis, word, getattr(series, axis)) for word in words)
-            for axis, words in self.values.items()
-        )
+        return is_among(series, self.values)
 
     def takes(self, series: "Slope | SeriesKey") -> bool:
         """Whether it has one of the measures, too."""
-        return self.keeps(series) and series.measure in (self.kinds or (series.measure,))
+        return is_among(series, {**self.values, "measure": self.kinds})
 
     def require(self, slopes: Sequence["Slope"]) -> None:
         """Refuse a word that no series of the results is meant by."""

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import cache
 from typing import TYPE_CHECKING
 
 from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME
@@ -34,6 +35,7 @@ def integrator_text(label: str) -> str:
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 
+@cache
 def means(axis: str, word: str, value: str) -> bool:
     """Whether a word of a command line is a value of an axis, as CSVs or people write it.
 

@@ -13,7 +13,7 @@ from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.choosing import grouped, is_among
+from newmark_cli.report.reading.choosing import grouped, select
 from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study import shipped
@@ -105,8 +105,7 @@ Placed = tuple[str, Slope]
 
 def groups(slopes: Iterable[Slope], layout: TableConfig) -> list[tuple[str, list[Placed]]]:
     """Title and entries of each table of a layout."""
-    choice = choice_of(layout)
-    ours = [slope for slope in slopes if is_among(slope, choice)]
+    ours = select(slopes, **choice_of(layout))
     if not layout.across:
         return [(layout.title or ours[0].study, [("", slope) for slope in ours])] if ours else []
     across = {axis for heading in layout.headings or () for axis in choice_of(heading)}
@@ -133,9 +132,7 @@ def _placed(slopes: Sequence[Slope], layout: TableConfig) -> list[Placed]:
     return [
         (heading.label, _strongest(group))
         for heading in layout.headings
-        for group in grouped(
-            (slope for slope in slopes if is_among(slope, choice_of(heading))), layout.rows or ()
-        ).values()
+        for group in grouped(select(slopes, **choice_of(heading)), layout.rows or ()).values()
     ]
 
 
