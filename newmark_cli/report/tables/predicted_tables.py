@@ -5,10 +5,11 @@ Nothing is measured here; `check` compares a study with the same orders.
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from operator import itemgetter
 
-from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS
+from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS, Form
 from newmark_cli.newmark.formulation import formulated
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial
@@ -17,7 +18,7 @@ from newmark_cli.newmark.scaling import BESIDE_TABLE_2, TABLE_2, VARIANTS, named
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 from newmark_cli.report.judging.fits import format_order
 from newmark_cli.report.reading.words import value_text
-from newmark_cli.report.tables.table import Record, Report, Table, pivoted
+from newmark_cli.report.tables.table import Report, Table, pivoted
 from newmark_cli.study.measures import symbol
 
 #: Label of a formulation → how tables name it; a parameter's value does not matter.
@@ -33,7 +34,6 @@ TITLES: Mapping[str, str] = {
 #: Variants whose condition numbers are shown.
 _SHOWN = tuple(name for name in VARIANTS if name != "optimal-printed")
 
-COLUMNS = ("table", "formulation", "form", "evaluation", "entry", "predicted", "bound")
 LEGEND = (
     ("", "Corrections are in physical units, the same under every scaling; of eliminated fields "
      "too. ≥: a lower bound, because differences in rows V and K are often exact."),
@@ -44,25 +44,25 @@ LEGEND = (
 
 def formulations() -> Report:
     """The tables of all formulations."""
-    records = list(_records())
-    titles = {
-        ("corrections", DIRECT): "Orders of the last decreasing corrections, direct evaluation",
-        ("corrections", COMPENSATED): (
-            "Orders of the last decreasing corrections, compensated evaluation"
-        ),
-        ("condition", ""): "Orders of the condition number C",
-    }
     rows = {"formulation": TITLES.__getitem__, "form": form_name}
-    tables = [
-        pivoted(
-            title,
-            (r for r in records if (r["table"], r["evaluation"]) == kind),
-            rows,
-            "heading",
-            lambda r: ("≥ " if r["bound"] == "yes" else "") + format_order(r["predicted"]),
-        )
-        for kind, title in titles.items()
-    ]
+    titles: dict[str, Callable[[Form], Iterator[tuple[str, str]]]] = {
+        "Orders of the last decreasing corrections, direct evaluation": partial(
+            _corrections, evaluation=DIRECT
+        ),
+        "Orders of the last decreasing corrections, compensated evaluation": partial(
+            _corrections, evaluation=COMPENSATED
+        ),
+        "Orders of the condition number C": _conditions,
+    }
+    tables = []
+    for title, orders_of in titles.items():
+        entries = [
+            {"formulation": label, "form": name, "column": column, "order": order}
+            for label in TITLES
+            for name in FORMS
+            for column, order in orders_of(formulated(name, label))
+        ]
+        tables.append(pivoted(title, entries, rows, "column", itemgetter("order")))
     sides = (("left", ROWS), ("right", MULTIPLIERS))
     blocks = [
         (side, block) for side, names in sides for block in names if block in BESIDE_TABLE_2[side]
@@ -72,30 +72,20 @@ def formulations() -> Report:
         ("", *(block_name(*block) for block in blocks)),
         (("factor", *(factor_text(BESIDE_TABLE_2[side][block]) for side, block in blocks)),),
     )
-    return Report("formulations", (*tables, factors), LEGEND, records, COLUMNS)
+    return Report("formulations", (*tables, factors), LEGEND)
 
 
-def _records() -> Iterator[Record]:
-    for label in TITLES:
-        for name in FORMS:
-            form = formulated(name, label)
-            same = {"formulation": label, "form": name}
-            for evaluation in (DIRECT, COMPENSATED):
-                orders = form_orders(form, compensated=evaluation == COMPENSATED)
-                of = same | {"table": "corrections", "evaluation": evaluation}
-                for unknown, order in orders.physical_corrections().items():
-                    bound = "yes" if unknown in orders.bounded else "no"
-                    heading = f"Δ{symbol(unknown)}"
-                    yield of | _entry(unknown, order) | {"bound": bound, "heading": heading}
-            orders = form_orders(form)
-            of = same | {"table": "condition", "evaluation": "", "bound": "no"}
-            for variant in _SHOWN:
-                order = orders.condition(named_scaling(variant, form))
-                yield of | _entry(variant, order) | {"heading": variant}
+def _corrections(form: Form, evaluation: str) -> Iterator[tuple[str, str]]:
+    orders = form_orders(form, compensated=evaluation == COMPENSATED)
+    for unknown, order in orders.physical_corrections().items():
+        bound = "≥ " if unknown in orders.bounded else ""
+        yield f"Δ{symbol(unknown)}", bound + format_order(order)
 
 
-def _entry(name: str, order: float) -> dict[str, Any]:
-    return {"entry": name, "predicted": int(order)}
+def _conditions(form: Form) -> Iterator[tuple[str, str]]:
+    orders = form_orders(form)
+    for variant in _SHOWN:
+        yield variant, format_order(orders.condition(named_scaling(variant, form)))
 
 
 def factors() -> Table:

@@ -71,44 +71,16 @@ def pivoted(
     return Table(title, (*rows, *map(str, across)), tuple(body))
 
 
-def as_text(tables: Sequence[Table], legend: Legend = ()) -> str:
-    """Tables for a terminal: what is too wide goes into several, one below the other."""
-    parts = [f"{wrapped(t.title)}\n\n{text_table(t.lines, blocks=True)}\n" for t in tables]
-    return "\n".join([*parts, *(wrapped(line) for line in sentences(legend))]).rstrip()
-
-
-def as_markdown(tables: Sequence[Table], legend: Legend = ()) -> str:
-    """Tables with headings, and the legend as a list."""
-    parts = []
-    for table in tables:
-        parts += [f"### {markdown(table.title)}", "", markdown_table(table.lines), ""]
-    parts += [
-        f"- **{markdown(term)}**: {markdown(text)}" if term else f"- {markdown(text)}"
-        for term, text in legend
-    ]
-    return "\n".join([*parts, ""])
-
-
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     """Rows, headings first, as a table in Markdown."""
     lines = ["| " + " | ".join(map(markdown, row)) + " |" for row in rows]
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
-def as_latex(tables: Sequence[Table], legend: Legend = ()) -> str:
-    """Tables as a journal takes them, without any package; the legend is the last caption's."""
-    titles = [_NUMBER.sub("", table.title) for table in tables]
-    labels = [re.sub(r"\W+", "-", title, flags=re.ASCII).strip("-") for title in titles]
-    return "\n".join(
-        _latex(table, f"{label}-{i}" if labels.count(label) > 1 else label, legend)
-        for i, (table, label) in enumerate(zip(tables, labels, strict=True), 1)
-    )
-
-
 def _latex(table: Table, label: str, legend: Legend) -> str:
     ours = [line for line in legend if not line[0] or line[0] in table.headings]
     title = _NUMBER.sub("", table.title)
-    caption = [f"{title[:1].upper()}{title[1:]}.", *sentences(ours if table.explained else ())]
+    caption = [f"{title[:1].upper()}{title[1:]}.", *_sentences(ours if table.explained else ())]
     narrow, wide = fitted(table.lines, _LINE), fitted(table.lines, 10 * _LINE)
     wraps = [width < most for width, most in zip(narrow, wide, strict=True)]
     columns = "".join(
@@ -174,26 +146,6 @@ def latex(text: str) -> str:
     return re.sub(r"(?<!\\)\$\$", "", text).replace("–", "--").replace("…", r"\dots{}")
 
 
-def as_csv(tables: Sequence[Table], legend: Legend = ()) -> str:
-    """The rows of all tables, each with the title of its table."""
-    columns = ("table", *dict.fromkeys(name for table in tables for name in table.headings))
-    entries = (
-        {"table": table.title, **dict(zip(table.headings, row, strict=True))}
-        for table in tables
-        for row in table.rows
-    )
-    return results.csv_text(columns, entries)
-
-
-#: How tables are written.
-WRITERS = {"text": as_text, "markdown": as_markdown, "latex": as_latex, "csv": as_csv}
-
-
-def sentences(legend: Legend) -> list[str]:
-    """Lines of a legend."""
-    return [f"{term}: {text}" if term else text for term, text in legend]
-
-
 @dataclass(frozen=True)
 class Report:
     """Tables that belong together."""
@@ -201,15 +153,15 @@ class Report:
     name: str  #: of their files
     tables: tuple[Table, ...]  #: the tables
     legend: Legend = ()  #: how to read them
-    #: Their entries with numbers, for programs; rows of the tables when omitted.
+    #: Rows of a CSV with numbers, for programs; those of the tables when omitted.
     records: Sequence[Record] = ()
     columns: tuple[str, ...] = ()  #: columns of the records
 
     def written(self, form: str) -> str:
-        """Them in a format, one of `WRITERS`."""
-        if form == "csv" and self.columns:
-            return results.csv_text(self.columns, self.records)
-        return WRITERS[form](self.tables, self.legend)
+        """Them as text for a terminal, ``markdown``, ``latex``, or ``csv``."""
+        return {
+            "text": self._text, "markdown": self._markdown, "latex": self._latex, "csv": self._csv,
+        }[form]()  # fmt: skip
 
     def write(self, folder: Path) -> list[Path]:
         """Write them as Markdown, LaTeX and CSV below ``tables``; returns the files."""
@@ -219,3 +171,47 @@ class Report:
             paths.append(folder / "tables" / f"{self.name}{suffix}")
             files.write(paths[-1], self.written(form), folder)
         return paths
+
+    def _text(self) -> str:
+        """What is too wide goes into several tables, one below the other."""
+        parts = [
+            f"{wrapped(table.title)}\n\n{text_table(table.lines, blocks=True)}\n"
+            for table in self.tables
+        ]
+        return "\n".join([*parts, *map(wrapped, _sentences(self.legend))]).rstrip()
+
+    def _markdown(self) -> str:
+        """With headings, and the legend as a list."""
+        parts = []
+        for table in self.tables:
+            parts += [f"### {markdown(table.title)}", "", markdown_table(table.lines), ""]
+        parts += [
+            f"- **{markdown(term)}**: {markdown(text)}" if term else f"- {markdown(text)}"
+            for term, text in self.legend
+        ]
+        return "\n".join([*parts, ""])
+
+    def _latex(self) -> str:
+        """As a journal takes them, without any package; the legend is the last caption's."""
+        titles = [_NUMBER.sub("", table.title) for table in self.tables]
+        labels = [re.sub(r"\W+", "-", title, flags=re.ASCII).strip("-") for title in titles]
+        return "\n".join(
+            _latex(table, f"{label}-{i}" if labels.count(label) > 1 else label, self.legend)
+            for i, (table, label) in enumerate(zip(self.tables, labels, strict=True), 1)
+        )
+
+    def _csv(self) -> str:
+        """The records, or the rows of all tables, each with the title of its table."""
+        if self.columns:
+            return results.csv_text(self.columns, self.records)
+        headings = dict.fromkeys(name for table in self.tables for name in table.headings)
+        entries = (
+            {"table": table.title, **dict(zip(table.headings, row, strict=True))}
+            for table in self.tables
+            for row in table.rows
+        )
+        return results.csv_text(("table", *headings), entries)
+
+
+def _sentences(legend: Legend) -> list[str]:
+    return [f"{term}: {text}" if term else text for term, text in legend]
