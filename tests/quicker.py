@@ -1,7 +1,7 @@
 """The command line without what no test looks at.
 
-Advice draws less often what rounding does, marches are timed once, and figures are drawn by the
-process itself.  Processes for user code import it, too.
+Advice draws less often what rounding does, and marches are timed once.  Processes for user code
+import it, too.
 """
 
 from newmark_cli.advice import linearised
@@ -21,8 +21,5 @@ def advised(*arguments):
 if __name__ == "__main__":
     import quicker
 
-    from newmark_cli.report.drawing import rendering
-
     advising._advised = quicker.advised
-    rendering._WORTH = 10**9
     main()

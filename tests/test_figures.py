@@ -200,7 +200,7 @@ def test_only_the_drawing_modules_import_matplotlib():
             if {name.partition(".")[0] for name in names} & {"matplotlib", "PIL"}:
                 importing.add(file.relative_to(package).as_posix())
     assert importing == {
-        f"report/drawing/{name}.py" for name in ("style", "draw", "draw_mechanism", "pgf")
+        f"report/drawing/{name}.py" for name in ("style", "draw", "draw_mechanism")
     }
 
 

@@ -11,7 +11,7 @@ import pytest
 from conftest import QUICK
 from each import each
 
-from newmark_cli.report.drawing import automatic, draw, pgf, plot, sheets
+from newmark_cli.report.drawing import automatic, draw, plot, sheets
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.judging.verdicts import MISS
@@ -537,7 +537,7 @@ def test_plot_draws_a_study_of_ones_own(mine):
     """All of it without names; by its name the same; a wrong name in one line."""
     done = mine("plot")
     stems = [f"mine-pendulum-u-lambda-{what}" for what in ("condition", "error-u")]
-    expected = [f"results/figures/{stem}.{kind}" for stem in stems for kind in ("png", "svg")]
+    expected = [f"results/figures/{stem}.png" for stem in stems]
     assert done.stdout.split() == expected
     assert "mine: not drawn: mine-pendulum-u-lambda-work-precision-u; name one" in done.stderr
     assert files(mine) == sorted(path.split("/")[-1] for path in expected)
@@ -574,25 +574,13 @@ def test_formats_and_sizes(mine):
     assert b"/MediaBox [ 0 0 288 216 ]" in pdf
     assert [int.from_bytes(png[at : at + 4], "big") for at in (16, 20)] == [1200, 900]
     line = mine.refused("plot", "--format", "png,eps")
-    assert "unknown format 'eps'; allowed: png, svg, pdf, pgf" in line
+    assert "unknown format 'eps'; allowed: png, svg, pdf" in line
+    assert "unknown format 'pgf'; it is gone: LaTeX includes pdf" in mine.refused(
+        "plot", "--format", "pgf"
+    )
     for size in ("x4", "0.1x3", "4x99"):
         assert f"given '{size}'" in mine.refused("plot", "mine", "--size", size)
     assert "inches has no room" in mine.refused("plot", "mine", "--size", "1x1")
-
-
-def test_pgf_is_written_without_latex(mine):
-    """Of the width that is asked for; greek letters, powers and signs as LaTeX prints them."""
-    mine("plot", "mine", "--measure", "condition", "--size", "3.3", "--format", "pgf")
-    (name,) = files(mine)
-    text = (mine.folder / "results/figures" / name).read_text()
-    assert r"\begin{pgfpicture}" in text
-    assert r"\pgfqpoint{3.300000in}" in text
-    assert r"10\ensuremath{^{-2}}" in text
-    assert r"\ensuremath{\lambda}" in text
-    assert pgf.latex(r"\input{x} 5% Δq̄ h⁻² \$x\$ $\lambda_1$ é a_b") == (
-        r"\textbackslash{}input\{x\} 5\% \ensuremath{\Delta}\ensuremath{\bar q} "
-        r"h\ensuremath{^{-2}} \$x\$ $\lambda_1$ é a\_b"
-    )
 
 
 def test_styles(mine):

@@ -213,7 +213,8 @@ def draw(
     name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-") or "mechanism"
     name += f"-at-{time:g}" if time else ""
     figure = draw_mechanism.mechanism_figure(title, subject, places[-1])
-    for file in style.save(figure, folder, name):
+    drawn = {f"{name}.{kind}": style.rendered(figure, kind) for kind in ("png", "svg")}
+    for file in style.save(drawn, folder):
         screen.line(file)
     return 0
 

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     "--plot",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Draw the errors next to those of this tool: .png, .svg, .pdf or .pgf.",
+    help="Draw the errors next to those of this tool: .png, .svg or .pdf.",
 )
 @flag("--strict", help="Fail where a verdict is undecided, too.")
 @json_option

@@ -19,6 +19,7 @@ from newmark_cli.cli.options import (
     studies_argument,
 )
 from newmark_cli.support.errors import InputError
+from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.expectations import Expected
@@ -31,11 +32,11 @@ REMARKS = 20
 
 
 def _formats(context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
-    allowed = ("png", "svg", "pdf", "pgf")
+    allowed = ("png", "svg", "pdf")
     formats = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
     for name in formats:
         if name not in allowed:
-            raise click.BadParameter(f"unknown format {name!r}; allowed: {', '.join(allowed)}")
+            raise click.BadParameter(f"unknown format {name!r}{nearest(name, allowed)}")
     return formats
 
 
@@ -64,11 +65,11 @@ def _size(
 @click.option(
     "--format",
     "formats",
-    default="png,svg",
+    default="png",
     show_default=True,
     callback=_formats,
     metavar="LIST",
-    help="File formats, separated by commas: png, svg, pdf, pgf.",
+    help="File formats, separated by commas: png, svg, pdf.",
 )
 @click.option(
     "--size",

@@ -9,14 +9,13 @@ from newmark_cli.external.judging import Judged
 from newmark_cli.external.measuring import Measured, roundings
 from newmark_cli.external.reading import STEP_SIZE
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look
-from newmark_cli.report.drawing.rendering import rendered
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
 
 #: Look of this tool's own march.
 _OURS = Look("0.6", "", linestyle="--", linewidth=1.5)
-_ENDINGS = (".png", ".svg", ".pdf", ".pgf")
+_ENDINGS = (".png", ".svg", ".pdf")
 #: Ratio of rounding to value above which rounding rules a point.
 _RULED = 0.5
 #: What work is counted by, the first that a table has, and how axes name it.
@@ -80,6 +79,6 @@ def write(judged: Judged, path: Path) -> None:
     """
     if path.suffix not in _ENDINGS:
         raise ArgumentError(f"{path}: a figure ends in {', '.join(_ENDINGS)}")
-    kind = path.suffix[1:]
-    (drawn,) = rendered([sheet(judged)], [kind], None, {})
-    files.write_output(path, drawn[kind])
+    from newmark_cli.report.drawing import draw, style
+
+    files.write_output(path, style.rendered(draw.drawn(sheet(judged)), path.suffix[1:]))

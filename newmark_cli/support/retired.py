@@ -25,6 +25,7 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
             "newmark_cli.linear_systems gives the systems and scipy.io.mmwrite writes them, see "
             "docs/linear-systems.md",
         ),
+        "pgf": ("pdf", "LaTeX includes pdf, which needs no LaTeX to be drawn"),
         "merge": ("run", _DASK),
         "--shard": ("", _DASK),
         "prune": ("run", "DIR/cells is a cache, which you may delete"),

@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from newmark_cli.report.drawing import automatic, rendering
+from newmark_cli.report.drawing import automatic
 from newmark_cli.report.drawing.panels import Sheet
 from newmark_cli.report.drawing.sheets import Results, require, sheet
 from newmark_cli.report.drawing.work import COSTS
@@ -13,12 +13,8 @@ from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, of_study
 from newmark_cli.study.drawing import WORK_PRECISION, Definition, definitions
-from newmark_cli.support import files
 from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
-
-#: Formats of the files unless others are asked for.
-USUAL_FORMATS = ("png", "svg")
 
 #: Most figures that are named where not all are drawn.
 NAMED = 8
@@ -219,14 +215,14 @@ def stem(figure: Figure) -> str:
 def plot(
     figures: Iterable[Figure],
     results: Results,
-    formats: Sequence[str] = USUAL_FORMATS,
+    formats: Sequence[str] = ("png",),
     size: tuple[float, float | None] | None = None,
     style_file: Path | None = None,
 ) -> list[Path]:
     """Draw figures into ``figures`` below the results folder, all of them or none.
 
     Args:
-        formats: Of png, svg, pdf and pgf.
+        formats: Of png, svg and pdf.
         size: Width and height of each (inch); as suits it when omitted, or None.
         style_file: Style file of matplotlib, over the project's style.
     """
@@ -234,24 +230,17 @@ def plot(
     for figure in figures:
         sheets[automatic.free(stem(figure), sheets)] = sheet(figure, results)
 
-    settings: Mapping[str, object] = {}
-    if style_file:
-        from newmark_cli.report.drawing import style
+    from newmark_cli.report.drawing import draw, style
 
-        settings = style.read(style_file)
+    settings = style.read(style_file) if style_file else style.NONE
+    contents: dict[str, bytes] = {}
     try:
-        drawn = rendering.rendered(list(sheets.values()), formats, size, settings)
+        for name, plain in sheets.items():
+            drawing = draw.drawn(plain, size, settings)
+            for kind in formats:
+                contents[f"{name}.{kind}"] = style.rendered(drawing, kind, settings)
     except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
         if style_file is None:
             raise
         raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
-    contents = {
-        results.folder / "figures" / f"{name}.{kind}": content
-        for name, files_of in zip(sheets, drawn, strict=True)
-        for kind, content in files_of.items()
-    }
-    if contents:
-        files.make_folder(results.folder / "figures", results.folder, parents=True)
-    for path, content in contents.items():
-        files.write(path, content, results.folder)
-    return list(contents)
+    return style.save(contents, results.folder)

@@ -105,24 +105,20 @@ def checked(entries: Mapping[str, Any]) -> dict[str, Any]:
     return dict(settings)
 
 
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure of a results folder as PNG and SVG, the same bytes each time."""
-    files.make_folder(folder / "figures", folder, parents=True)
-    written = []
-    for kind in ("png", "svg"):
-        written.append(folder / "figures" / f"{name}.{kind}")
-        files.write(written[-1], rendered(figure, kind), folder)
-    return written
+def save(contents: Mapping[str, bytes], folder: Path) -> list[Path]:
+    """Write drawn figures, by the names of their files, into ``figures`` of a results folder."""
+    if contents:
+        files.make_folder(folder / "figures", folder, parents=True)
+    written = {folder / "figures" / name: content for name, content in contents.items()}
+    for path, content in written.items():
+        files.write(path, content, folder)
+    return list(written)
 
 
 def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:
-    """A figure as a file: png, svg, pdf or pgf, the same bytes each time."""
+    """A figure as a file: png, svg or pdf, the same bytes each time."""
     content = io.BytesIO()
     with settled(settings):
-        if kind == "pgf":
-            from newmark_cli.report.drawing import pgf
-
-            return pgf.written(figure)
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
         figure.savefig(content, format=kind, metadata=metadata)
     return content.getvalue()
