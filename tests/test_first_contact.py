@@ -25,7 +25,7 @@ from newmark_cli.report.judging.slopes import collect
 from newmark_cli.report.reading.words import value_text
 from newmark_cli.report.tables.check import format_integrator
 from newmark_cli.study import axes, config
-from newmark_cli.study.drawing import Definition
+from newmark_cli.study.figure_keys import FigureConfig
 from newmark_cli.support.documents import Document
 
 SWING = {
@@ -287,6 +287,6 @@ def test_figures_have_the_title_of_a_mechanism(cli):
     cli.write("both-study.yaml", json.dumps(both | {"t_end": 0.01}))
     cli("run", "both-study.yaml")
     given = Results(folder, collect(folder))
-    definition = Definition(("condition",), panels=("problem",))
+    definition = FigureConfig(measure="condition", panels=["problem"])
     (figure,) = automatic.figures("both", given, [definition])
     assert [part.titles for part in figure.parts] == [("A swing",), ("plain",)]

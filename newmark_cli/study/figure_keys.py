@@ -1,13 +1,13 @@
-"""The key `figures` of a study config: its models."""
+"""The key `figures` of a study config: its models, by which records are read, too."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, Strict, create_model
+from pydantic import Field, Strict, TypeAdapter, create_model
 from pydantic_core import PydanticCustomError
 
 from newmark_cli.study import axes, drawing
-from newmark_cli.study.expecting import chosen, optional, unknown
+from newmark_cli.study.expecting import choice_of, chosen, optional, recorded, unknown
 from newmark_cli.study.keys import (
     Compared,
     Forms,
@@ -20,7 +20,7 @@ from newmark_cli.study.keys import (
     Showable,
     Word,
 )
-from newmark_cli.support.documents import WHOLE, RuledModel, StrictModel, misfit
+from newmark_cli.support.documents import WHOLE, RuledModel, misfit
 
 _MOST_FIGURES, _MOST_CURVES = 100, 200
 #: Values of an axis → a text for each.
@@ -41,8 +41,43 @@ _AXES = tuple(
 )
 
 
-class _Rules(RuledModel):
-    """Rules that tie the keys of a figure together."""
+class _Chooses(RuledModel):
+    """An entry that chooses series."""
+
+    @property
+    def choice(self) -> dict[str, tuple[str, ...]]:
+        """Axis → values, spelled as in CSVs; all where it says nothing."""
+        return choice_of(self)
+
+
+class _Curve(_Chooses):
+    """One entry of `curves`."""
+
+    @property
+    def look(self) -> Mapping[str, str]:
+        """Its colour and marker, where they are given."""
+        given = {"color": self.color, "marker": self.marker}
+        return {key: value for key, value in given.items() if value}
+
+
+class _Rules(_Chooses):
+    """What a figure shows, and the rules that tie its keys together."""
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of rows, or `drawing.WORK_PRECISION`; a figure for each."""
+        return drawing.kinds(self.measure) if self.measure else ()
+
+    @property
+    def drawn_as(self) -> str:
+        """One of `drawing.KINDS`."""
+        usual = "work" if self.measure == drawing.WORK_PRECISION else "orders"
+        return str(self.kind or usual)
+
+    @property
+    def heading(self) -> str | None:
+        """Its title; empty for none, None for one that is made from what it shows."""
+        return "" if self.title == "none" else self.title
 
     def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.measure is not None:
@@ -91,11 +126,12 @@ def series_keys() -> dict[str, Any]:
 
 
 if TYPE_CHECKING:
+    CurveConfig = _Curve
     FigureConfig = _Rules
 else:
     CurveConfig = create_model(
         "CurveConfig",
-        __base__=StrictModel,
+        __base__=_Curve,
         __doc__="Series of a figure: the axes in which they differ from what the figure shows.",
         label=optional(OneLine, "name in the legend; made from the axes in series if omitted"),
         panel=optional(OneLine, "title of the panel that it stands in"),
@@ -154,3 +190,13 @@ else:
     )
 
 Figures = Annotated[tuple[FigureConfig, ...], Field(min_length=1, max_length=_MOST_FIGURES)]
+_FIGURES: TypeAdapter[tuple[FigureConfig, ...]] = TypeAdapter(Figures)
+
+
+def definitions(config: Any) -> tuple[FigureConfig, ...] | None:
+    """Figures of a record or a shipped config; None where it leaves them to the results.
+
+    Raises:
+        ValueError: When they are not as a run has written them.
+    """
+    return recorded(config, "figures", _FIGURES) or None

@@ -29,7 +29,8 @@ from newmark_cli.report.reading.figures import (
 )
 from newmark_cli.report.reading.words import measure_text, value_text
 from newmark_cli.study import axes
-from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION, Definition
+from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION
+from newmark_cli.study.figure_keys import FigureConfig
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
 
 #: Most panels of one figure, and most series of one panel that gathers what is no grid.
@@ -59,7 +60,7 @@ _USUAL = {axis.name: axis.usual for axis in axes.series_axes()}
 def figures(
     study: str,
     results: Results,
-    defined: Sequence[Definition] | None = None,
+    defined: Sequence[FigureConfig] | None = None,
     keep: Callable[[Slope], bool] = lambda slope: True,
     kinds: Sequence[str] = (),
 ) -> list[Figure]:
@@ -87,16 +88,20 @@ def figures(
     return arranged
 
 
-def _usual(slopes: Iterable[Slope]) -> list[Definition]:
+def _usual(slopes: Iterable[Slope]) -> list[FigureConfig]:
     """A definition for each kind of rows, those that matter most first."""
     every = {slope.measure for slope in slopes}
     # Predicted floors stand in the figures of what they predict.
     every -= {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
     order = dict.fromkeys((*_FIRST, *(name for name in RECORDS if name not in LAST), *LAST))
-    return [Definition((kind,)) for kind in order if kind in every or kind == WORK_PRECISION]
+    return [
+        FigureConfig.model_validate({"measure": kind})
+        for kind in order
+        if kind in every or kind == WORK_PRECISION
+    ]
 
 
-def _shows(definition: Definition, kind: str, slope: Slope, spent: Costs) -> bool:
+def _shows(definition: FigureConfig, kind: str, slope: Slope, spent: Costs) -> bool:
     """Whether a series is of this kind and has at least two points."""
     work = kind == WORK_PRECISION
     if slope.measure != ("error" if work else kind) or not is_among(slope, definition.choice):
@@ -111,7 +116,7 @@ def _shows(definition: Definition, kind: str, slope: Slope, spent: Costs) -> boo
 
 def _arranged(
     study: str,
-    definition: Definition,
+    definition: FigureConfig,
     kind: str,
     slopes: Sequence[Slope],
     slugs: Slugs,
@@ -132,8 +137,8 @@ def _arranged(
         if definition.name:
             name = [definition.name, *(slugs[pair] for pair in apart.items())]
         title = _title(where, grid, kind, titles)
-        if definition.title is not None:
-            title = _with_values(definition.title, apart)
+        if definition.heading is not None:
+            title = _with_values(definition.heading, apart)
         parts = [_part(grid, definition, *pair, titles) for pair in grid.parts]
         yield Figure(
             "-".join((study, *name))[:180],
@@ -141,11 +146,11 @@ def _arranged(
             study,
             tuple(parts),
             definition.columns or grid.columns,
-            definition.kind or ("work" if kind == WORK_PRECISION else "orders"),
-            note=definition.note,
+            definition.drawn_as,
+            note=definition.note or "",
             h=definition.h,
             looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
-            style=definition.style,
+            style=definition.style or {},
         )
 
 
@@ -156,7 +161,7 @@ def _with_values(title: str, apart: Mapping[str, str]) -> str:
 
 
 def _all_grids(
-    slopes: Sequence[Slope], definition: Definition, kind: str
+    slopes: Sequence[Slope], definition: FigureConfig, kind: str
 ) -> Iterator[tuple[dict[str, str], "_Grid"]]:
     """Grids of all series, each with the values of the axes that it has one of."""
     compared = (*(definition.series or ()), *(definition.panels or ()))
@@ -168,7 +173,7 @@ def _all_grids(
 
 def _part(
     grid: "_Grid",
-    definition: Definition,
+    definition: FigureConfig,
     where: Mapping[str, str],
     slopes: Iterable[Slope],
     titles: Mapping[str, str],
@@ -183,7 +188,7 @@ def _part(
     )
 
 
-def _told_apart(grid: "_Grid", definition: Definition, slope: Slope) -> list[str]:
+def _told_apart(grid: "_Grid", definition: FigureConfig, slope: Slope) -> list[str]:
     """Axes that a legend names; of gathered series, not those with their usual value."""
     names = list(grid.series)
     if definition.series is not None or len(names) == 1:
@@ -212,7 +217,7 @@ class _Grid:
 
 
 def _grids(
-    slopes: Sequence[Slope], definition: Definition, kind: str
+    slopes: Sequence[Slope], definition: FigureConfig, kind: str
 ) -> Iterator[tuple[dict[str, str], _Grid]]:
     """Grids of the series of one problem, form and quantity, with the axes that separate them."""
     values = {
@@ -282,7 +287,7 @@ def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence
 # -- words --------------------------------------------------------------------------------------
 
 
-def _panel(definition: Definition, axis: str, value: str, titles: Mapping[str, str]) -> str:
+def _panel(definition: FigureConfig, axis: str, value: str, titles: Mapping[str, str]) -> str:
     """Title of a panel's value: its label, or for a mechanism without one its own title."""
     label = label_of(definition, axis, value)
     own = axis == "problem" and label == value_text(axis, value)

@@ -12,7 +12,8 @@ from newmark_cli.report.drawing.work import COSTS
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, of_study
-from newmark_cli.study.drawing import WORK_PRECISION, Definition, definitions
+from newmark_cli.study.drawing import WORK_PRECISION
+from newmark_cli.study.figure_keys import FigureConfig, definitions
 from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
 
@@ -153,7 +154,7 @@ def _of_study(study: str, results: Results, choice: Choice, notes: list[str]) ->
     return figures
 
 
-def _defined(study: str, results: Results) -> list[Definition] | None:
+def _defined(study: str, results: Results) -> Sequence[FigureConfig] | None:
     """Figures in the recorded config of a study."""
     path = results.folder / f"{study}.csv"
     try:

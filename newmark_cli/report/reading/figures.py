@@ -13,7 +13,7 @@ from typing import Any
 from newmark_cli.report.reading.words import means, value_text
 from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import WORK_PRECISION, Definition, Line, definitions
+from newmark_cli.study.figure_keys import CurveConfig, FigureConfig, definitions
 from newmark_cli.study.measures import FLOOR_OF
 
 
@@ -89,28 +89,28 @@ class Figure:
         return tuple(curve for part in self.parts for curve in part.curves)
 
 
-def label_of(definition: Definition, axis: str, value: str) -> str:
+def label_of(definition: FigureConfig, axis: str, value: str) -> str:
     """A value of an axis as a definition names it, or as people write it."""
-    labels = (text for word, text in definition.labels.items() if means(axis, word, value))
+    labels = (text for word, text in (definition.labels or {}).items() if means(axis, word, value))
     return next(labels, value_text(axis, value))
 
 
-def curve_of(definition: Definition, axes: Iterable[str], where: Mapping[str, str]) -> Curve:
+def curve_of(definition: FigureConfig, axes: Iterable[str], where: Mapping[str, str]) -> Curve:
     """A series that a definition shows, named by axes."""
     labels = [label_of(definition, axis, where[axis]) for axis in axes if where.get(axis)]
     return Curve(", ".join(labels), **where)
 
 
-def looks_of(definition: Definition, curves: Iterable[Curve]) -> dict[str, Mapping[str, str]]:
+def looks_of(definition: FigureConfig, curves: Iterable[Curve]) -> dict[str, Mapping[str, str]]:
     """Label of a series → the colour and the marker that a definition gives it."""
     colors = {
         curve.label: {"color": color}
         for curve in curves
-        for word, color in definition.colors.items()
+        for word, color in (definition.colors or {}).items()
         if word == curve.label
         or any(means(axis, word, value) for axis, value in curve.key.named().items() if value)
     }
-    return colors | {line.label: line.look for line in definition.curves if line.look}
+    return colors | {line.label: line.look for line in definition.curves or () if line.look}
 
 
 def side_by_side(panels: int) -> int:
@@ -118,40 +118,40 @@ def side_by_side(panels: int) -> int:
     return {1: 1, 2: 1, 4: 2}.get(panels, 3)
 
 
-def explicit(study: str, definition: Definition) -> Figure:
+def explicit(study: str, definition: FigureConfig) -> Figure:
     """The figure of a definition that names all its series."""
-    kind = definition.kind or ("work" if definition.kinds == (WORK_PRECISION,) else "orders")
+    kind = definition.drawn_as
     measure = "error" if kind == "work" else next(iter(definition.kinds), "")
     parts = list(_parts(definition, {"study": study, "measure": measure}))
     return Figure(
         definition.figure,
-        definition.title or "",
+        definition.heading or "",
         study,
         tuple(parts),
         definition.columns or side_by_side(len(parts)),
         kind,
         definition.choice.get("problem", ("",))[0],
-        definition.note,
+        definition.note or "",
         definition.h,
         definition.within,
         in_paper=definition.within is not None and definition.figure.isdigit(),
         numbered=True,
         looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
-        style=definition.style,
+        style=definition.style or {},
     )
 
 
-def _parts(definition: Definition, of_all: Mapping[str, str]) -> Iterator[Part]:
+def _parts(definition: FigureConfig, of_all: Mapping[str, str]) -> Iterator[Part]:
     """Panels: one for each combination of panel axes and group of series."""
-    lines = definition.curves or ((Line(),) if definition.series else ())
-    groups = dict.fromkeys(line.panel for line in lines)
+    lines = definition.curves or ((CurveConfig.model_construct(),) if definition.series else ())
+    groups = dict.fromkeys(line.panel or "" for line in lines)
     # Where groups share no label, each has a legend of its own.
     labels = {(line.panel, line.label) for line in lines}
     apart = len(labels) == len({line.label for line in lines})
     axes = definition.panels or ()
     for *values, group in product(*(definition.choice[axis] for axis in axes), groups):
         at = dict(zip(axes, values, strict=True))
-        ours = (line for line in lines if line.panel == group)
+        ours = (line for line in lines if (line.panel or "") == group)
         curves = tuple(c for line in ours for c in _curves(definition, line, at, of_all))
         titles = (*(label_of(definition, *of_axis) for of_axis in at.items()), group)
         if curves:
@@ -159,7 +159,7 @@ def _parts(definition: Definition, of_all: Mapping[str, str]) -> Iterator[Part]:
 
 
 def _curves(
-    definition: Definition, line: Line, at: Mapping[str, str], of_all: Mapping[str, str]
+    definition: FigureConfig, line: CurveConfig, at: Mapping[str, str], of_all: Mapping[str, str]
 ) -> Iterator[Curve]:
     """Series of a line in the panel at these values of axes."""
     choice = {**definition.choice, **line.choice}
