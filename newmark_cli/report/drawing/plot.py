@@ -116,7 +116,8 @@ def needs_results(names: Sequence[str], folder: Path) -> bool:
     if not names or any(name not in FIGURES or FIGURES[name].curves for name in names):
         return True
     studies = [file.stem for file in folder.glob("*.csv")]
-    return any(name == figure.name for name in names for figure in _own(studies, folder))
+    own = (figure for figure in _own(studies, folder) if figure.name in names)
+    return any(figure is not FIGURES.get(figure.name) for figure in own)
 
 
 def _whole(figure: Figure, choice: Choice) -> bool:

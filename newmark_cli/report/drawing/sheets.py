@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.report.drawing import traces
-from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain, power, spread
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain, power
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
@@ -147,34 +147,45 @@ def step(h: float) -> str:
 
 
 def _orders(figure: Figure, results: Results) -> Sheet:
-    """Series over h, with fits in the legend of a single panel or above each of several."""
-    series = results.series(figure)
+    """Series over h, or over the work from the largest step size to the smallest.
+
+    Fits stand in the legend of a single panel, or above each of several.
+    """
+    cost = COSTS[results.cost] if figure.kind == "work" else None
+    series, spent = costed(figure, results) if cost else (results.series(figure), {})
     looks = _Looks(figure, series)
     panels = []
     for part in figure.parts:
         own = [series[curve.key] for curve in part.curves]
         alike = [slope for slope in series.values() if _same(slope) in set(map(_same, own))]
         fits = len(figure.parts) == 1 or len(own) <= _MOST_FITS
-        drawn = [
-            traces.trace(slope, fit=traces.fit_text(slope) if fits else "", **looks(part, c.label))
-            for c, slope in zip(part.curves, own, strict=True)
-        ]
+        drawn = []
+        for curve, slope in zip(part.curves, own, strict=True):
+            attributes = looks(part, curve.label)
+            if cost:
+                work = spent[curve.key]
+                said = f"{quantity(slope)}, {attributes['name']}: {ends(slope, work, cost)}"
+                attributes |= {"x": work[np.argsort(slope.h)], "said": said}
+            elif fits:
+                attributes["fit"] = traces.fit_text(slope)
+            drawn.append(traces.trace(slope, **attributes))
         drawn += _floors(part, results.by_key)
-        panels.append(traces.panel(own, drawn, _titles(figure, part), alike))
-    fitted = any(trace.fit for panel in panels for trace in panel.traces)
-    note = "fitted slope" if len(panels) == 1 else "above panels: fitted slopes, in this order"
-    return _sheet(figure, panels, plain(figure.note) or (note if fitted else ""))
-
-
-def _titles(figure: Figure, part: Part) -> tuple[str, ...]:
-    return part.titles if len(figure.parts) > 1 else ()
-
-
-def _sheet(figure: Figure, panels: Sequence[Panel], note: str) -> Sheet:
+        titles = part.titles if len(figure.parts) > 1 else ()
+        panel = traces.panel(own, drawn, titles, alike)
+        panels.append(replace(panel, x_label=cost.label, references=()) if cost else panel)
+    note = ""
+    if cost:
+        note = "; ".join(
+            filter(None, ("each from the largest step size to the smallest", cost.about))
+        )
+    elif any(trace.fit for panel in panels for trace in panel.traces):
+        several = "above panels: fitted slopes, in this order"
+        note = "fitted slope" if len(panels) == 1 else several
     # Of several problems each has its own range of step sizes.
     share_x = len({curve.problem for curve in figure.curves}) == 1
     return Sheet(
-        figure.title, tuple(panels), figure.columns, note, share_x, settings=figure.style
+        figure.title, tuple(panels), figure.columns, plain(figure.note) or note, share_x,
+        settings=figure.style,
     )  # fmt: skip
 
 
@@ -191,31 +202,6 @@ def _floors(part: Part, slopes: Mapping[SeriesKey, Slope]) -> list[Trace]:
         for key in keys
         if key is not None and key in slopes
     ]
-
-
-def _work(figure: Figure, results: Results) -> Sheet:
-    """Errors over work, joined from the largest step size to the smallest."""
-    slopes, spent = costed(figure, results)
-    cost = COSTS[results.cost]
-    looks = _Looks(figure, slopes)
-    panels = []
-    for part in figure.parts:
-        own = [slopes[curve.key] for curve in part.curves]
-        alike = [slope for slope in slopes.values() if _same(slope) in set(map(_same, own))]
-        drawn = []
-        for curve, slope in zip(part.curves, own, strict=True):
-            order = np.argsort(slope.h)
-            attributes = looks(part, curve.label)
-            said = f"{quantity(slope)}, {attributes['name']}: {ends(slope, spent[curve.key], cost)}"
-            x = spent[curve.key][order]
-            drawn.append(traces.trace(slope, **attributes | {"x": x, "said": said}))
-        titles, limits = _titles(figure, part), spread([slope.values for slope in alike])
-        label = own[0].record.label(own[0].key)
-        panels.append(Panel(tuple(drawn), cost.label, label, titles, y_limits=limits))
-    note = "each from the largest step size to the smallest"
-    if cost.about:
-        note += f"; {cost.about}"
-    return _sheet(figure, panels, plain(figure.note) or note)
 
 
 # -- values over time ---------------------------------------------------------------------------
@@ -330,7 +316,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
                 tuple(drawn),
                 "time $t$ (s)",
                 _DRIFTS[part.curves[0].quantity],
-                _titles(figure, part),
+                part.titles if len(figure.parts) > 1 else (),
                 x_scale="linear",
                 y_limits=(0.1 * float(least), 10 * float(most)),
                 tell_zeros=False,
@@ -362,7 +348,7 @@ def _mechanism(figure: Figure, results: Results) -> Sheet:
 
 _SHEETS: Mapping[str, Callable[[Figure, Results], Sheet]] = {
     "orders": _orders,
-    "work": _work,
+    "work": _orders,
     "history": _history,
     "drift": _drift,
     "mechanism": _mechanism,
