@@ -224,7 +224,7 @@ def test_file_names_are_safe_and_different(tmp_path):
     problems = ["a.yaml", "a", "A b/c", "dir.py:make(x=1 y=2)"]
     found = drawn(written(tmp_path, table(problem=problems)))
     assert list(found) == [
-        "mine-a-u-lambda-error-u", "mine-a-2-u-lambda-error-u", "mine-A-b-c-u-lambda-error-u",
+        "mine-a-u-lambda-error-u", "mine-a-u-lambda-error-u-2", "mine-A-b-c-u-lambda-error-u",
         "mine-dir.py-make-x-1-y-2-u-lambda-error-u",
     ]  # fmt: skip
     assert automatic.free("A", ["a", "a-2"]) == "A-3"

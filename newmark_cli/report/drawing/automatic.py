@@ -7,7 +7,7 @@ panel apart; the others become panels, or figures of their own where panels woul
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -48,8 +48,6 @@ _FIRST = ("correction", "condition", "error", WORK_PRECISION)
 LAST = ("physical_correction", "floor", "physical_floor")
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
-#: (axis, value) → part of a file name.
-Slugs = Mapping[tuple[str, str], str]
 #: Axis → its value that goes without saying.
 _USUAL = {axis.name: axis.usual for axis in axes.series_axes()}
 
@@ -70,21 +68,18 @@ def figures(
         defined: Figures that its config defines; None to arrange all that the rows allow.
         kinds: Kinds of rows to draw, or `WORK_PRECISION`; all when empty.
     """
-    ours = [slope for slope in results.slopes if slope.study == study and slope.measure]
-    slugs = _slugs(ours)
-    ours = [slope for slope in ours if keep(slope)]
-    spent = costs(results, [s for s in ours if s.measure == "error"])
+    ours = [s for s in results.slopes if s.study == study and s.measure and keep(s)]
+    spent = costs(results, [slope for slope in ours if slope.measure == "error"])
     recorded = records.known(results.folder / f"{study}.csv").get("titles")
     titles = recorded if isinstance(recorded, dict) else {}
     arranged: list[Figure] = []
     for definition in _usual(ours) if defined is None else defined:
-        for kind in definition.kinds:
-            if definition.figure or (kinds and kind not in kinds):
-                continue
-            slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
-            for figure in _arranged(study, definition, kind, slopes, slugs, titles):
-                name = free(figure.name, [other.name for other in arranged])
-                arranged.append(replace(figure, name=name))
+        for kind in () if definition.figure else definition.kinds:
+            if not kinds or kind in kinds:
+                slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
+                for figure in _arranged(study, definition, kind, slopes, titles):
+                    name = free(figure.name, [other.name for other in arranged])
+                    arranged.append(replace(figure, name=name))
     return arranged
 
 
@@ -119,7 +114,6 @@ def _arranged(
     definition: FigureConfig,
     kind: str,
     slopes: Sequence[Slope],
-    slugs: Slugs,
     titles: Mapping[str, str],
 ) -> Iterator[Figure]:
     """Figures of one kind of rows; their names may be taken already."""
@@ -127,25 +121,41 @@ def _arranged(
     slopes = sorted(
         slopes, key=lambda s: [_place(values, getattr(s, axis)) for axis, values in order]
     )
-    grids = list(_all_grids(slopes, definition, kind))
-    places = [where for where, _ in grids]
-    axes_of = {axis for where in places for axis in where}
-    different = {axis for axis in axes_of if len({where.get(axis) for where in places}) > 1}
-    for where, grid in grids:
-        apart = {axis: value for axis, value in where.items() if axis in different}
-        name = _name_parts(where, kind, slugs)
+    grids = list(_grids(slopes, definition, kind))
+    for where, series, panels, grid in grids:
+        apart = {
+            axis: value
+            for axis, value in where.items()
+            if any(other.get(axis) != value for other, *_ in grids)
+        }
+        name = _name_parts(where, kind)
         if definition.name:
-            name = [definition.name, *(slugs[pair] for pair in apart.items())]
-        title = _title(where, grid, kind, titles)
-        if definition.heading is not None:
-            title = _with_values(definition.heading, apart)
-        parts = [_part(grid, definition, *pair, titles) for pair in grid.parts]
+            name = [definition.name, *map(_slug, apart.values())]
+        title = definition.heading
+        if title is None:
+            title = _title(where, grid[0][1][0], (*series, *panels), kind, titles)
+        elif title and apart:
+            title += ": " + ", ".join(value_text(*pair) for pair in apart.items())
+        told = _told_apart(
+            series, definition, [slope for _, of_panel in grid for slope in of_panel]
+        )
+        parts = tuple(
+            Part(
+                tuple(
+                    _panel(definition, axis, value, titles)
+                    for axis, value in zip(panels, at, strict=True)
+                    if value
+                ),
+                tuple(curve_of(definition, told(slope), slope.key.named()) for slope in of_panel),
+            )
+            for at, of_panel in grid
+        )
         yield Figure(
             "-".join((study, *name))[:180],
             title,
             study,
-            tuple(parts),
-            definition.columns or grid.columns,
+            parts,
+            definition.columns or _columns([at for at, _ in grid]),
             definition.drawn_as,
             note=definition.note or "",
             h=definition.h,
@@ -154,51 +164,19 @@ def _arranged(
         )
 
 
-def _with_values(title: str, apart: Mapping[str, str]) -> str:
-    """A title, if there is one, with what tells its figure from others."""
-    rest = ", ".join(value_text(*pair) for pair in apart.items())
-    return f"{title}: {rest}" if title and rest else title
-
-
-def _all_grids(
-    slopes: Sequence[Slope], definition: FigureConfig, kind: str
-) -> Iterator[tuple[dict[str, str], "_Grid"]]:
-    """Grids of all series, each with the values of the axes that it has one of."""
-    compared = (*(definition.series or ()), *(definition.panels or ()))
-    one_each = [axis for axis in _ONE_EACH if axis not in compared]
-    for values, group in grouped(slopes, one_each).items():
-        for apart, grid in _grids(group, definition, kind):
-            yield dict(zip(one_each, values, strict=True)) | apart, grid
-
-
-def _part(
-    grid: "_Grid",
-    definition: FigureConfig,
-    where: Mapping[str, str],
-    slopes: Iterable[Slope],
-    titles: Mapping[str, str],
-) -> Part:
-    """A panel of a grid, at values of the axes that tell panels apart."""
-    return Part(
-        tuple(_panel(definition, axis, value, titles) for axis, value in where.items() if value),
-        tuple(
-            curve_of(definition, _told_apart(grid, definition, slope), slope.key.named())
-            for slope in slopes
-        ),
-    )
-
-
-def _told_apart(grid: "_Grid", definition: FigureConfig, slope: Slope) -> list[str]:
+def _told_apart(
+    series: Sequence[str], definition: FigureConfig, slopes: Sequence[Slope]
+) -> Callable[[Slope], list[str]]:
     """Axes that a legend names; of gathered series, not those with their usual value."""
-    names = list(grid.series)
-    if definition.series is not None or len(names) == 1:
-        return names
-    slopes = [s for _, of_panel in grid.parts for s in of_panel]
-    shorter = [axis for axis in names if axis != "linear_solver"]
-    if len(grouped(slopes, shorter)) == len(grouped(slopes, names)):
-        names = shorter
+    if definition.series is not None or len(series) == 1:
+        return lambda slope: list(series)
+    names = [axis for axis in series if axis != "linear_solver"]
+    if len(grouped(slopes, names)) < len(grouped(slopes, series)):
+        names = list(series)
     spared = [axis for axis in names[1:] if axis != "integrator"]
-    return [axis for axis in names if axis not in spared or getattr(slope, axis) != _USUAL[axis]]
+    return lambda slope: [
+        axis for axis in names if axis not in spared or getattr(slope, axis) != _USUAL[axis]
+    ]
 
 
 def _place(values: Sequence[str], value: str) -> int:
@@ -206,23 +184,38 @@ def _place(values: Sequence[str], value: str) -> int:
     return values.index(value if value in values else value.partition("[")[0])
 
 
-@dataclass(frozen=True)
-class _Grid:
-    """Series of one figure: the axes that tell series and panels apart."""
-
-    series: tuple[str, ...]
-    panels: tuple[str, ...]
-    parts: Sequence[tuple[Mapping[str, str], Sequence[Slope]]]
-    columns: int
+#: Series by the values of the axes that tell panels apart.
+_Grid = list[tuple[tuple[str, ...], list[Slope]]]
 
 
 def _grids(
     slopes: Sequence[Slope], definition: FigureConfig, kind: str
-) -> Iterator[tuple[dict[str, str], _Grid]]:
-    """Grids of the series of one problem, form and quantity, with the axes that separate them."""
-    values = {
-        axis: list(dict.fromkeys(getattr(slope, axis) for slope in slopes)) for axis in COMPARABLE
-    }
+) -> Iterator[tuple[dict[str, str], list[str], list[str], _Grid]]:
+    """Of each figure what it has one of, axis → value; its axes of series and panels; its grid."""
+    compared = (*(definition.series or ()), *(definition.panels or ()))
+    one_each = [axis for axis in _ONE_EACH if axis not in compared]
+    for at, group in grouped(slopes, one_each).items():
+        values = {
+            axis: list(dict.fromkeys(getattr(slope, axis) for slope in group))
+            for axis in COMPARABLE
+        }
+        series, panels, apart = _axes(group, values, definition, kind)
+        for of_figure, ours in grouped(group, apart).items():
+            grid = sorted(
+                grouped(ours, panels).items(),
+                key=lambda part: [values[a].index(v) for a, v in zip(panels, part[0], strict=True)],
+            )
+            where = dict(zip((*one_each, *apart), (*at, *of_figure), strict=True))
+            yield where, series, panels, grid
+
+
+def _axes(
+    slopes: Sequence[Slope],
+    values: Mapping[str, Sequence[str]],
+    definition: FigureConfig,
+    kind: str,
+) -> tuple[list[str], list[str], list[str]]:
+    """Axes that tell series apart, panels, and figures."""
     varying = [axis for axis in COMPARABLE if len(values[axis]) > 1]
     panels = list(definition.panels or ())
     series = list(definition.series or _most_varied(values, {*varying} - {*panels}))
@@ -235,15 +228,8 @@ def _grids(
     apart = [axis for axis in rest if axis not in panels]
     arranged = definition.series is None and definition.panels is None
     if arranged and _is_gathered(slopes, series, panels, apart, kind):
-        series, panels = [*series, *panels], []
-    panels.sort(key=COMPARABLE.index)
-    for where, group in grouped(slopes, apart).items():
-        parts = [
-            (dict(zip(panels, at, strict=True)), s) for at, s in grouped(group, panels).items()
-        ]
-        parts.sort(key=lambda part: [values[axis].index(value) for axis, value in part[0].items()])
-        grid = _Grid(tuple(series), tuple(panels), parts, _columns(parts, panels))
-        yield dict(zip(apart, where, strict=True)), grid
+        return [*series, *panels], [], apart
+    return series, sorted(panels, key=COMPARABLE.index), apart
 
 
 def _is_gathered(
@@ -275,13 +261,14 @@ def _preference(axis: str) -> tuple[int, int]:
     return (order.index(axis) if axis in order else len(order), COMPARABLE.index(axis))
 
 
-def _columns(parts: Sequence[tuple[Mapping[str, str], object]], panels: Sequence[str]) -> int:
+def _columns(places: Sequence[tuple[str, ...]]) -> int:
     """Panels side by side: the values of one axis in a row where two make a grid."""
-    if len(panels) == 2:
-        sizes = [len({where[axis] for where, _ in parts}) for axis in panels]
-        if sizes[0] * sizes[1] == len(parts) and sizes[1] in (2, 3):
-            return sizes[1]
-    return side_by_side(len(parts))
+    rows, *columns = (
+        (len(set(of_axis)) for of_axis in zip(*places, strict=True)) if places[0] else (1,)
+    )
+    if len(columns) == 1 and rows * columns[0] == len(places) and columns[0] in (2, 3):
+        return columns[0]
+    return side_by_side(len(places))
 
 
 # -- words --------------------------------------------------------------------------------------
@@ -294,10 +281,15 @@ def _panel(definition: FigureConfig, axis: str, value: str, titles: Mapping[str,
     return titles.get(value, label) if own else label
 
 
-def _title(where: Mapping[str, str], grid: _Grid, kind: str, titles: Mapping[str, str]) -> str:
+def _title(
+    where: Mapping[str, str],
+    first: Slope,
+    varied: Sequence[str],
+    kind: str,
+    titles: Mapping[str, str],
+) -> str:
     """Title from the problem, the form, what all series share, and what is shown."""
-    common = grid.parts[0][1][0].key.named()
-    varied = (*grid.series, *grid.panels)
+    common = first.key.named()
     parts = [
         titles.get(where[axis]) or value_text(axis, where[axis])
         for axis in ("problem", "form")
@@ -331,35 +323,19 @@ def _subject(where: Mapping[str, str], kind: str) -> str:
 # -- names of files -----------------------------------------------------------------------------
 
 
-def _name_parts(where: Mapping[str, str], kind: str, slugs: Slugs) -> list[str]:
+def _name_parts(where: Mapping[str, str], kind: str) -> list[str]:
     """Parts of a figure's file name, in the order in which people look for them."""
     order = ("problem", "form", "measure", "quantity", "initial")
-    parts = []
-    for axis in (*order, *(axis for axis in where if axis not in order)):
-        if axis == "measure":
-            parts.append(kind.replace("_", "-"))
-        elif where.get(axis) and where[axis] not in _ONLY:
-            parts.append(slugs[axis, where[axis]])
-    return parts
+    there = {**where, "measure": kind.replace("_", "-")}
+    axes_in_order = (*order, *(axis for axis in where if axis not in order))
+    values = (there.get(axis) for axis in axes_in_order)
+    return [_slug(value) for value in values if value and value not in _ONLY]
 
 
-def _slugs(slopes: Iterable[Slope]) -> Slugs:
-    """Unique, safe parts of file names for the values of axes."""
-    known: dict[tuple[str, str], str] = {}
-    taken: set[tuple[str, str]] = set()
-    for slope in slopes:
-        for axis, value in slope.key.named().items():
-            if (axis, value) not in known:
-                slug = _slug(re.sub(r"\.ya?ml$", "", value.partition("[")[0]))
-                numbered = (slug, *(f"{slug}-{i}" for i in range(2, 2 + len(taken))))
-                slug = next(candidate for candidate in numbered if (axis, candidate) not in taken)
-                taken.add((axis, slug))
-                known[axis, value] = slug
-    return known
-
-
-def _slug(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._]+", "-", text).strip("-.")[:60] or "x"
+def _slug(value: str) -> str:
+    """A value as a part of file names; different ones may have the same."""
+    name = re.sub(r"\.ya?ml$", "", value.partition("[")[0])
+    return re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-.")[:60] or "x"
 
 
 def free(name: str, taken: Iterable[str]) -> str:
