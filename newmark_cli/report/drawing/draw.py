@@ -9,15 +9,14 @@ import math
 import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain, power
@@ -78,6 +77,9 @@ def drawn(
             raise InputError(message) from None
         for axes, panel in zip(grid, sheet.panels, strict=True):
             _write_orders(axes, panel)
+            for axis, scale in ((axes.xaxis, panel.x_scale), (axes.yaxis, panel.y_scale)):
+                if scale == "log" and sheet.minor_ticks and not panel.empty:
+                    axis.set_minor_locator(LogLocator(subs=None))
     return drawing
 
 
@@ -174,6 +176,7 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
         axes.tick_params(labelbottom=True)  # nothing stands below it
     if place % sheet.columns and panel.y_limits and _same_ordinate(panel, sheet.panels[place - 1]):
         axes.tick_params(labelleft=False)
+    axes.minorticks_off()  # they take no room in the layout, but time
     for axis, scale in ((axes.xaxis, panel.x_scale), (axes.yaxis, panel.y_scale)):
         if scale == "symlog":
             axis.get_major_locator().set_params(numticks=7)
@@ -188,11 +191,8 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
             axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             axis.set_major_formatter(FuncFormatter(_number))
         axis.set_minor_formatter(NullFormatter())
-        if not sheet.minor_ticks:
-            axis.set_minor_locator(NullLocator())
     if panel.y_scale == "log" and panel.empty:
         axes.yaxis.set_major_locator(NullLocator())
-        axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _same_ordinate(one: Panel, other: Panel) -> bool:
@@ -217,20 +217,29 @@ def _number(value: float, position: int | None = None) -> str:
 def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> None:
     """Legend below the panels, in as many columns as fit, or a column for each group."""
     blocks = _blocks(sheet, entries)
-    if not any(blocks):
+    every = [entry for block in blocks for entry in block]
+    if not every:
         return
-    most = _MOST * drawing.bbox.width
-    for columns in _layouts(blocks):
-        texts, handles = zip(*(entry for column in columns for entry in column), strict=True)
+    most, count = _MOST * drawing.bbox.width, len(every)
+    # The lowest layout that is no wider than the figure.
+    layouts = [
+        (columns, every) for columns in dict.fromkeys(-(-count // r) for r in range(1, count + 1))
+    ]
+    if len(blocks) > 1:
+        tallest = max(map(len, blocks))
+        filled = [[*block, *[("", _BLANK)] * (tallest - len(block))] for block in blocks]
+        layouts = [(len(blocks), [entry for block in filled for entry in block]), (1, every)]
+    for columns, listed in layouts:
+        texts, handles = zip(*listed, strict=True)
         legend = drawing.legend(
-            handles, texts, ncols=len(columns), loc="outside lower center",
+            handles, texts, ncols=columns, loc="outside lower center",
             **(_DENSE if len(blocks) > 1 else {}),
         )  # fmt: skip
-        if legend.get_window_extent().width <= most or len(columns) == 1:
+        if legend.get_window_extent().width <= most or columns == 1:
             break
         legend.remove()
     room = most - legend.handlelength * 1.5 * _points(mpl.rcParams["legend.fontsize"])
-    headings = {column[0][0] for column in blocks if column[0][1] is _BLANK}
+    headings = {block[0][0] for block in blocks if block[0][1] is _BLANK}
     for entry in legend.get_texts():
         entry.set_fontstyle("italic" if entry.get_text() in headings else "normal")
         entry.set_text(_wrapped(entry, entry.get_text(), room))
@@ -263,36 +272,11 @@ _DENSE: Any = {"handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8}
 _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 
 
-def _layouts(blocks: Sequence[Sequence[Any]]) -> Iterator[list[list[Any]]]:
-    """Columns of a legend, the lowest layout first: blocks side by side, then stacked."""
-    headed = len(blocks) > 1
-    if headed:
-        yield _filled(blocks)
-    tallest = max(len(block) - headed for block in blocks)
-    for count in dict.fromkeys(-(-tallest // rows) for rows in range(1, tallest + 1)):
-        stacked: list[list[Any]] = [[] for _ in range(count)]
-        for block in blocks:
-            parts = np.array_split(np.arange(headed, len(block)), count)
-            split = [[block[i] for i in part] for part in parts]
-            if headed:
-                heads = [block[0], *[("", _BLANK)] * (count - 1)]
-                split = _filled([[head, *part] for head, part in zip(heads, split, strict=True)])
-            for column, part in zip(stacked, split, strict=True):
-                column += part
-        yield stacked
-
-
-def _filled(columns: Sequence[Sequence[Any]]) -> list[list[Any]]:
-    """Pad columns to the same length."""
-    tallest = max(map(len, columns))
-    return [[*column, *[("", _BLANK)] * (tallest - len(column))] for column in columns]
-
-
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
     """Lay out the figure, widths first; `UserWarning` if there is no room."""
     engine: Any = drawing.get_layout_engine()
     rows = -(-len(grid) // sheet.columns)
-    with warnings.catch_warnings(), _without_minor_ticks(grid):
+    with warnings.catch_warnings():
         warnings.filterwarnings("error", message="constrained_layout not applied")
         for _ in range(2):
             engine.execute(drawing)
@@ -321,18 +305,6 @@ def _height(grid: Sequence[Any], sheet: Sheet) -> Any:
         limits = grid[0].dataLim
         return width * min(max(limits.height / (limits.width or 1.0), 0.4), 1.2)
     return min(max(0.7 * width, 0.9), max(2.0, width / 2) if len(grid) == 1 else 1.4)
-
-
-@contextmanager
-def _without_minor_ticks(grid: Sequence[Any]) -> Iterator[None]:
-    """Minor ticks take no room in the layout, but time."""
-    every = [axis for axes in grid for axis in (axes.xaxis, axes.yaxis)]
-    locators = [axis.get_minor_locator() for axis in every]
-    for axis in every:
-        axis.set_minor_locator(NullLocator())
-    yield
-    for axis, locator in zip(every, locators, strict=True):
-        axis.set_minor_locator(locator)
 
 
 def _write_labels(drawing: Figure, grid: Sequence[Any], sheet: Sheet, tall: float) -> None:
@@ -495,9 +467,5 @@ def _places(ends: Array, half: Array) -> Iterator[Array]:
 def _pixels(axes: Any, line: Any) -> Array:
     """(points, 2) pixels that a line and its markers cover."""
     corners = line.get_transform().transform(line.get_xydata())
-    if line.get_linestyle() == "None" or len(corners) < 2:
-        return np.asarray(corners)
-    steps = [
-        np.linspace(a, b, max(2, int(np.linalg.norm(b - a) / 3))) for a, b in pairwise(corners)
-    ]
-    return np.concatenate(steps)
+    steps = 1 if line.get_linestyle() == "None" else 100
+    return np.asarray(Path(corners).interpolated(steps).vertices)
