@@ -102,12 +102,12 @@ Entry = tuple[tuple[str, str], Any]
 def _draw(axes: Any, panel: Panel, cycle: Sequence[Mapping[str, Any]]) -> Iterator[Entry]:
     """Draw a panel, except what waits for the layout; yields legend entries."""
     if panel.scene is not None:
-        panel.scene.draw(axes)
+        handles = panel.scene(axes)
         axes.set_aspect("equal")
         width, height = axes.dataLim.width or 1.0, axes.dataLim.height or 1.0
         # Names need room beside what is flat, too.
         axes.margins(max(0.1, 0.07 * height / width), max(0.1, 0.07 * width / height))
-        for handle in panel.scene.handles():
+        for handle in handles:
             yield ("", handle.get_label()), handle
         return
     axes.set_xscale(panel.x_scale)

@@ -4,7 +4,7 @@ import io
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
+from newmark_cli.problems.problem import Problem
 from newmark_cli.report.drawing.draw import drawn
 from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet, plain
-from newmark_cli.report.drawing.sketch import Drawable, Mark, Scene, is_spatial, marks, scene
+from newmark_cli.report.drawing.sketch import Mark, Scene, is_spatial, marks, scene
 from newmark_cli.report.drawing.style import settled
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.files import write_output
@@ -24,6 +25,13 @@ from newmark_cli.support.files import write_output
 _MOST_LABELS = {False: 30, True: 60}
 #: No ticks above a mechanism and right of it.
 _WITHOUT_TICKS = {"xtick.top": False, "ytick.right": False}
+#: A small key.
+_KEY = {
+    "legend.fontsize": 6.5,
+    "legend.handlelength": 1.5,
+    "legend.borderpad": 0.4,
+    "legend.columnspacing": 1.5,
+}
 
 _BLUE, _RED, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 _SIGN = {"linestyle": "none", "marker": "o", "color": "black", "markersize": 3.7, "zorder": 5,
@@ -58,81 +66,40 @@ _IN_KEY = tuple(_LOOKS)[: tuple(_LOOKS).index("body")]
 _DETAILS = ("joint", "joint that slides", "mass centre", "point", "edge", "outline")
 
 
-@dataclass(frozen=True, eq=False)
-class MechanismScene:
-    """A mechanism at a position, with a key to its symbols while it has room for names.
-
-    Attributes:
-        problem: A problem that is a mechanism.
-        u: (n,) position.
-    """
-
-    problem: Drawable
-    u: Array
-
-    @property
-    def labelled(self) -> bool:
-        """Whether points and bodies have their names."""
-        return len(self.problem.points) <= _MOST_LABELS[is_spatial(self.problem)]
-
-    def draw(self, axes: Any) -> None:
-        """Draw it, lengths in the unit of the labels."""
-        draw_mechanism(axes, self.problem, self.u, self.labelled)
-
-    def handles(self) -> list[Line2D]:
-        """Legend of the symbols."""
-        shown = {mark.symbol for mark in marks(scene(self.problem, self.u)) if self.labelled}
-        return [Line2D([], [], label=key, **_LOOKS[key]) for key in _IN_KEY if key in shown]
-
-
-def _axis_labels(problem: Drawable) -> tuple[str, str]:
+def _axis_labels(problem: Problem) -> tuple[str, str]:
     """Labels of the axes; spatial mechanisms draw their own triad instead."""
     if is_spatial(problem):
-        released = getattr(problem, "released", ())
         # The key of the drawing has no room for what is not drawn.
-        return (plain(f"redundant, dropped: {', '.join(released)}") if released else ""), ""
+        released = ", ".join(problem.released)
+        return (plain(f"redundant, dropped: {released}") if released else ""), ""
     _, unit = _length_unit(problem)
     return f"$x$ ({unit})", f"$y$ ({unit})"
 
 
-def mechanism_sheet(title: str, problem: Drawable, u: Array) -> Sheet:
+def mechanism_sheet(title: str, problem: Problem, u: Array) -> Sheet:
     """A mechanism at position u (n,): bodies, joints, ground, springs, dampers, torques."""
-    x_label, y_label = _axis_labels(problem)
-    return Sheet(
-        title,
-        (
-            Panel(
-                (),
-                x_label,
-                y_label,
-                x_scale="linear",
-                y_scale="linear",
-                scene=MechanismScene(problem, u),
-            ),
-        ),
-        grid=False,
-        settings=_WITHOUT_TICKS
-        | {
-            "legend.fontsize": 6.5,
-            "legend.handlelength": 1.5,
-            "legend.borderpad": 0.4,
-            "legend.columnspacing": 1.5,
-        },
-    )
+    labelled = len(problem.points) <= _MOST_LABELS[is_spatial(problem)]
+    scene = partial(draw_mechanism, problem=problem, u=u, labelled=labelled)
+    labels = _axis_labels(problem)
+    panel = Panel((), *labels, x_scale="linear", y_scale="linear", scene=scene)
+    return Sheet(title, (panel,), grid=False, settings={**_WITHOUT_TICKS, **_KEY})
 
 
-def mechanism_figure(title: str, problem: Drawable, u: Array) -> Figure:
+def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
     """The same, drawn."""
     return drawn(mechanism_sheet(title, problem, u))
 
 
-def _length_unit(problem: Drawable) -> tuple[float, str]:
+def _length_unit(problem: Problem) -> tuple[float, str]:
     """Millimetres for a mechanism of less than half a metre, metres otherwise."""
     return (1e3, "mm") if scene(problem, problem.u0).size < 0.5 else (1.0, "m")
 
 
-def draw_mechanism(axes: Any, problem: Drawable, u: Array, labelled: bool = True) -> None:
-    """Draw a mechanism at position u into axes; without details and names unless labelled."""
+def draw_mechanism(axes: Any, problem: Problem, u: Array, labelled: bool = True) -> list[Line2D]:
+    """Draw a mechanism at position u into axes, lengths in the unit of their labels.
+
+    Without details and names unless labelled.  Returns the key to its symbols.
+    """
     factor, unit = _length_unit(problem)
     here = scene(problem, u, factor)
     seen = [mark for mark in marks(here) if labelled or mark.symbol not in _DETAILS]
@@ -140,10 +107,13 @@ def draw_mechanism(axes: Any, problem: Drawable, u: Array, labelled: bool = True
         _draw(axes, mark, 1 if labelled else 0.5)
     if is_spatial(problem):
         axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
-        if labelled:
-            _triad(axes, here, unit)
-    if labelled:
-        _names(axes, here, seen)
+    if not labelled:
+        return []
+    if is_spatial(problem):
+        _triad(axes, here, unit)
+    _names(axes, here, seen)
+    symbols = {mark.symbol for mark in seen}
+    return [Line2D([], [], label=key, **_LOOKS[key]) for key in _IN_KEY if key in symbols]
 
 
 def _draw(axes: Any, mark: Mark, thin: float) -> None:
@@ -219,7 +189,7 @@ def _along(places: Any, step: float) -> Array:
 
 
 def animation(
-    titles: Sequence[str], problem: Drawable, positions: Sequence[Array], stem: Path
+    titles: Sequence[str], problem: Problem, positions: Sequence[Array], stem: Path
 ) -> Path:
     """Write a looping GIF of a mechanism, a title and a position (n,) for each frame."""
     with settled(_WITHOUT_TICKS):

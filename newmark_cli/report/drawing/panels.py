@@ -11,7 +11,7 @@ values.  A new kind of figure makes a `Sheet`; it draws nothing itself.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 
@@ -140,16 +140,6 @@ class Reference:
         return round(float(np.log(self.y[-1] / self.y[0]) / np.log(self.x[-1] / self.x[0])), 6)
 
 
-class Scene(Protocol):
-    """A drawing inside a panel that is not made of traces, such as a mechanism."""
-
-    def draw(self, axes: Any) -> None:
-        """Draw it into matplotlib's axes."""
-
-    def handles(self) -> Sequence[Any]:
-        """Matplotlib's handles for the legend."""
-
-
 @dataclass(frozen=True, eq=False)
 class Panel:
     """Axes with traces."""
@@ -171,7 +161,9 @@ class Panel:
     #: y of thin lines across → what they are.
     levels: Mapping[float, str] = field(default_factory=dict)
     tell_zeros: bool = True  #: whether it says how many zeros a logarithmic ordinate cannot show
-    scene: Scene | None = None  #: a drawing that is not made of traces; axes then have equal units
+    #: Draws what is not made of traces into matplotlib's axes, which then have equal units, and
+    #: returns handles for the legend.
+    scene: Callable[[Any], Sequence[Any]] | None = None
 
     @property
     def title(self) -> str:

@@ -8,14 +8,15 @@ origin and its axes as complex numbers, and so are points.
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from newmark_cli.mechanisms.models import size_of
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
 #: From where one looks at space: about the upright, and above the level (rad).
@@ -23,30 +24,6 @@ _AZIMUTH, _ELEVATION = math.radians(-58), math.radians(20)
 #: Signs of joints that slide; others turn only and are circles.
 _SLIDING = {"prismatic": "s", "cylindrical": "s", "planar": "D", "point-on-plane": "D",
             "point-on-line": "s", "rigid": "P"}  # fmt: skip
-
-
-class Drawable(Protocol):
-    """Attributes of a problem that is drawn."""
-
-    @property
-    def drawing(self) -> Any:
-        """The `Mechanism`, or `SpatialMechanism`."""
-
-    @property
-    def outputs(self) -> Any:
-        """In space the `SpatialOutputs`, which have the joints."""
-
-    @property
-    def points(self) -> tuple[str, ...]:
-        """Its moving points, or vectors."""
-
-    @property
-    def axes(self) -> str:
-        """Names of the coordinates of each of them."""
-
-    @property
-    def u0(self) -> Array:
-        """(n,) initial coordinates."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +112,7 @@ class Scene:
         return places
 
 
-def is_spatial(problem: Drawable) -> bool:
+def is_spatial(problem: Problem) -> bool:
     """Whether a problem is a mechanism in space."""
     return len(problem.axes) == 3
 
@@ -151,16 +128,15 @@ def view(gravity: Sequence[float]) -> Array:
     return paper
 
 
-def scene(problem: Drawable, u: Array, factor: float = 1.0) -> Scene:
+def scene(problem: Problem, u: Array, factor: float = 1.0) -> Scene:
     """A mechanism at a position u (n,), lengths multiplied by ``factor``."""
     start = _scene(problem, problem.u0, factor)
     spots = np.array(start.places)
     size = float(max(np.ptp(spots.real), np.ptp(spots.imag))) or 1.0
-    here = _scene(problem, u, factor)
-    return Scene(**{**vars(here), "size": size, "start": Scene(**{**vars(start), "size": size})})
+    return replace(_scene(problem, u, factor), size=size, start=start)
 
 
-def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
+def _scene(problem: Problem, u: Array, factor: float) -> Scene:
     joints, axes, mechanism = {}, {}, problem.drawing
     if is_spatial(problem):
         paper = factor * view(mechanism.gravity)
@@ -168,7 +144,8 @@ def _scene(problem: Drawable, u: Array, factor: float) -> Scene:
         names = ("", *mechanism.bodies)
         frames = dict(zip(names, [np.array([0, *paper]), *bodies], strict=True))
         points = {name: complex(point.fixed @ paper) for name, point in mechanism.points.items()}
-        for name, joint in problem.outputs.joints.items():
+        outputs: Any = problem.outputs
+        for name, joint in outputs.joints.items():
             sides = [(frames[names[side.body + 1]], side) for side in joint.sides]
             first, second = (complex(of[0] + side.point @ of[1:]) for of, side in sides)
             joints[name] = first, second
