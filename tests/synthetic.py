@@ -170,7 +170,7 @@ def write(folder, figure, table=None):
 
 def multipliers(curve):
     """Times (s) and two multipliers (N/m); the trapezoidal rule's second one alternates."""
-    t = 1e-6 * np.arange(0, 30_000, 100).repeat(2) + np.tile([0, 1e-6], 300)
+    t = 1e-6 * np.arange(100, 30_100, 100).repeat(2) + np.tile([0, 1e-6], 300)
     found = np.column_stack([10 * np.cos(200 * t), 5e4 * np.sin(300 * t)])
     if (curve.integrator, curve.evaluation) != (DAMPED, "direct"):
         small = 1e-4 if curve.evaluation == "compensated" else 1
@@ -188,8 +188,7 @@ def write_history(folder, figure):
             row |= {"h": figure.h, "step": round(when / figure.h), "t": float(when)}
             table.append(row | {"lambda[a]": float(values[0]), "lambda[b]": float(values[1])})
     columns = (*results.HISTORY_COLUMNS, "lambda[a]", "lambda[b]")
-    path = results.history_path(folder, figure.study)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    path = results.trajectory_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
     files.write(path, results.csv_text(columns, table))
     return path
@@ -206,7 +205,7 @@ def drifts(curve):
 def write_drifts(folder, figure, steps):
     """Write the drifts of a figure, h of each problem from `steps`; returns the file."""
     may_have = ("formulation", "projection", "multipliers")
-    columns = (*results.HISTORY_COLUMNS, *may_have, "position", "velocity")
+    columns = (*results.HISTORY_COLUMNS, *may_have, "drift[position]", "drift[velocity]")
     table = []
     for curve in figure.curves:
         if curve.quantity != "position":
@@ -214,8 +213,9 @@ def write_drifts(folder, figure, steps):
         for step, (when, values) in enumerate(zip(*drifts(curve), strict=True), 1):
             row = {column: getattr(curve, column, "") for column in columns[:-2]}
             row |= {"h": steps[curve.problem], "step": step, "t": float(when)}
-            table.append(row | {"position": float(values[0]), "velocity": float(values[1])})
-    path = results.drift_path(folder, figure.study)
+            named = {"drift[position]": float(values[0]), "drift[velocity]": float(values[1])}
+            table.append(row | named)
+    path = results.trajectory_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
     files.write(path, results.csv_text(columns, table))
     return path

@@ -99,8 +99,8 @@ form: [u-lambda, v-lambda]
 preconditioning: optimal
 h: [1e-5, 2e-5]
 t_end: 0.1
-measure: [history, condition]
-samples: 3000
+measure: [trajectory, condition]
+trajectory: {keep: lambda}
 """
 
 
@@ -108,13 +108,13 @@ def test_histories_that_no_memory_holds_are_refused(cli):
     """By file, line and key, before anything runs: with what it would be and what is allowed."""
     cli.write("long.yaml", HISTORY)
     line = cli.refused("run", "long.yaml")
-    # Pairs of 3000 samples of 10000 steps, 5000 steps, 1000 links, two forms.
+    # 10000 steps, 5000 steps and two starts, 1000 links, step and time, two forms.
     assert line == (
-        "newmark-study: long.yaml, line 8: samples: history of 22000000 numbers, "
-        "at most 5000000; lower samples, given 3000"
+        "newmark-study: long.yaml, line 8: trajectory: trajectory of 30064008 numbers, "
+        "at most 5000000; keep fewer steps, or less of each"
     )
     assert not (cli.folder / "results").exists()
-    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 625"))
+    cli.write("long.yaml", HISTORY.replace("{keep", "{every: 7, keep"))
     assert cli("validate", "long.yaml").stdout == "long.yaml: study long, 4 cells\n"
-    cli.write("long.yaml", HISTORY.replace("samples: 3000", "samples: 626"))
-    assert "history of 5008000 numbers" in cli.refused("validate", "long.yaml")
+    cli.write("long.yaml", HISTORY.replace("{keep", "{every: 6, keep"))
+    assert "trajectory of 5016012 numbers" in cli.refused("validate", "long.yaml")

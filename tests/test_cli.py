@@ -109,7 +109,7 @@ def test_plot_and_check_read_the_csv_alone(cli, pendulum_results):
         f"run 'newmark-study run {' '.join(studies)}' first\n"
     )
     assert "figure 14 needs none, float32, " in cli.refused("plot", "14")
-    assert "history/history.csv: cannot be read" in cli.refused("plot", "15")
+    assert "trajectory/history.csv: no trajectories" in cli.refused("plot", "15")
     other.unlink()
     first = snapshot(cli.folder / "results/figures")
     assert [f"results/figures/{name}" for name in sorted(map(str, first))] == drawn

@@ -64,7 +64,7 @@ def test_numbers_stay_numbers():
     assert csv_text(["x"], [{"x": "-2-2"}]) == "x\n'-2-2\n"
 
 
-@each("file", ["pendulum-u", "all-forms", "slopes", "history/history"])
+@each("file", ["pendulum-u", "all-forms", "slopes", "trajectory/history"])
 def test_committed_files_are_written_the_same(committed_folder, file):
     """Byte for byte, from what is read of them."""
     text = (committed_folder / f"{file}.csv").read_bytes().decode()
@@ -105,7 +105,7 @@ def test_a_run_with_any_name_can_be_read(cli):
     config = {
         "study": "odd", "problem": {"python": "mine.py:swing", "args": {"what": name}},
         "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.05, 0.02], "t_end": 1.0,
-        "measure": ["condition", "history"],
+        "measure": ["condition", "trajectory"],
     }  # fmt: skip
     cli.write("odd.yaml", json.dumps(config))
     cli("run", "odd.yaml", "--allow-code")

@@ -51,31 +51,32 @@ def test_drifts_over_time(tmp_path):
             expected = values[:, place // 2]
             np.testing.assert_allclose(trace.x, t, rtol=1e-15)
             np.testing.assert_array_equal(trace.y, np.where(expected < 1e-18, np.nan, expected))
-    file = tmp_path / "drift/drift.csv"
+    file = tmp_path / "trajectory/drift.csv"
     file.write_text(file.read_text().replace("index-2", "index-1"))
     with pytest.raises(ResultsError, match="figure 18 needs index 2;"):
         sheets.require(figure, given)
 
 
-def test_measure_of_drift(cli):
+def test_trajectories_of_drifts(cli):
     (cli.folder / "mine.yaml").write_text(
         "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
-        "formulation: [index-1, ggl]\nmeasure: drift\nh: 1e-2\nt_end: 0.5\nsamples: 10\n"
+        "formulation: [index-1, ggl]\nmeasure: trajectory\ntrajectory: {every: 5, keep: drift}\n"
+        "h: 1e-2\nt_end: 0.5\n"
     )
     cli("run", "mine.yaml")
-    with (cli.folder / "results/drift/mine.csv").open() as file:
+    with (cli.folder / "results/trajectory/mine.csv").open() as file:
         rows = list(csv.DictReader(file))
     with (cli.folder / "results/mine.csv").open() as file:
         largest = {(r["formulation"], r["quantity"]): float(r["max"]) for r in csv.DictReader(file)}
-    assert [int(row["step"]) for row in rows] == [*range(5, 51, 5)] * 2
+    assert [int(row["step"]) for row in rows] == [*range(0, 51, 5)] * 2
     for formulation in ("index-1", "ggl"):
         for name in ("position", "velocity"):
-            values = [float(r[name]) for r in rows if r["formulation"] == formulation]
+            values = [float(r[f"drift[{name}]"]) for r in rows if r["formulation"] == formulation]
             assert max(values) == largest[formulation, name]
     assert largest["ggl", "position"] < 1e-14 < 1e-6 < largest["index-1", "position"]
     assert largest["ggl", "velocity"] < 1e-13 < 1e-6 < largest["index-1", "velocity"]
     assert records.changed(cli.folder / "results", ["mine"]) == []
-    file = cli.folder / "results/drift/mine.csv"
+    file = cli.folder / "results/trajectory/mine.csv"
     file.write_text(file.read_text().replace("e-0", "e-1", 1))
     (found,) = records.changed(cli.folder / "results", ["mine"])
     assert found.path == file

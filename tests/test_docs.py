@@ -27,7 +27,7 @@ from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL, SeriesKey
 from newmark_cli.study.expecting import ExpectConfig
 from newmark_cli.study.figure_keys import FigureConfig
-from newmark_cli.study.measures import MEASURES, RECORDS
+from newmark_cli.study.measures import MEASURES, RECORDED
 from newmark_cli.study.reading import study_files
 from newmark_cli.support import documents
 
@@ -298,7 +298,7 @@ def test_every_measure_command_and_name_is_there(reference):
     page = reference["reference/measures.md"]
     for measure in MEASURES.values():
         assert f"\n## {measure.name}\n" in page
-    assert set(RECORDS) <= set(rows_of(page))
+    assert set(RECORDED) <= set(rows_of(page))
     page = reference["reference/commands.md"]
     for name, command in group.commands.items():
         section = page.split(f"\n## {name}\n")[1].split("\n## ")[0]

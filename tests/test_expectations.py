@@ -23,7 +23,7 @@ problem: pendulum
 form: u-lambda
 preconditioning: [none, {name: mine, left: {D: beta*h^2}, right: {lambda: 1/(beta*h^2)}}]
 integrator: {method: generalized-alpha, rho: 0.9}
-measure: [condition, error, history]
+measure: [condition, error, trajectory]
 samples: 4
 h: [1e-2, 5e-3, 2e-3, 1e-3]
 t_end: 1.0
@@ -84,7 +84,7 @@ def test_orders_and_levels_that_hold(expecting, marched):
         "{measure: error, quantity: u, slope: 2, within: 0.1}",
         "{measure: error, quantity: [u, v], preconditioning: mine, h: 1e-3, at_most: 1e-5}",
         "{measure: condition, preconditioning: none, slope: -4}",
-        "{measure: history, quantity: lambda, slope: 0, within: 0.05, at_least: 1, at_most: 3}",
+        "{measure: trajectory, quantity: lambda, slope: 0, within: 0.05, at_least: 1, at_most: 3}",
     )
     found = rows(cli("check", "--json", "--strict"))
     assert {row["verdict"] for row in found} == {"pass"}
@@ -142,7 +142,7 @@ def test_what_is_undecided_fails_if_strict(cli):
         cli,
         "{measure: error, quantity: u, slope: 2}",
         "{measure: error, quantity: u, at_most: 1}",
-        text=text.replace("condition, error, history", "error"),
+        text=text.replace("condition, error, trajectory", "error"),
     )
     cli("run", "swing.yaml")
     done = cli("check")
@@ -165,7 +165,7 @@ def test_what_is_undecided_fails_if_strict(cli):
 def test_orders_of_theory_may_stay_open_where_expectations_may_not(cli):
     """λ that still alternates from the start is undecided, and the reason names that and a cure."""
     text = STUDY.replace("pendulum", "slider-crank").replace("t_end: 1.0", "t_end: 0.3")
-    text = text.replace("condition, error, history", "error")
+    text = text.replace("condition, error, trajectory", "error")
     written(cli, "{measure: error, quantity: u, slope: 2}", text=text)
     cli("run", "swing.yaml")
     done = cli("check", "--strict-expectations")
@@ -215,7 +215,7 @@ def test_the_record_has_them(expecting, marched):
     assert "2 of 2 expectations hold" in cli("check").stdout
     assert "8 ok (8 cached)" in cli("run", "swing.yaml").stdout
     assert "0 of 2 expectations hold" in cli("check", code=1).stdout
-    for name in ("swing.csv", "history/swing.csv"):
+    for name in ("swing.csv", "trajectory/swing.csv"):
         same = {(cli.folder / at / name).read_bytes() for at in ("results", "other")}
         assert same == {(marched / name).read_bytes()}, name
     assert records.changed(cli.folder / "results", ["swing"]) == []
@@ -225,7 +225,7 @@ def test_folders_are_compared_by_the_expectations_that_both_have(expecting):
     """Where an order is lost, the verdict on the expectation differs, as that on the slope."""
     cli = expecting("{measure: error, quantity: u, slope: 2, within: 0.1}")
     shutil.copytree(cli.folder / "results", cli.folder / "other")
-    assert "10 slopes and 2 claims" in cli("compare", "results", "other").stdout
+    assert "18 slopes and 2 claims" in cli("compare", "results", "other").stdout
     changed = [dict(row) for row in rows_in(cli.folder / "other/swing.csv")]
     for row in changed:
         if row["measure"] == "error":
@@ -274,7 +274,7 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting):
     ("{measure: error, slope: 2, h: 1e-3}", "h: is where at_most or at_least hold"),
     ("{measure: error, at_most: 1, at_least: 2}", "at_least: must not exceed at_most = 1, given 2"),
     ("{measure: error, at_most: 1, within: 2}", "within: is the tolerance of a slope"),
-    ("{measure: history, slope: 0}", "within: missing: history has no tolerance of its own"),
+    ("{measure: trajectory, slope: 0}", "within: missing: trajectory has no tolerance of its own"),
     ("{measure: error, slope: 2, form: v-lamda}", "form: unknown form 'v-lamda'; did you mean"),
     ("{measure: error, slope: 2, integrator: bdf3}", "integrator: unknown"),
     ("{measure: error, slope: 2, integrator: {method: hht}}", "integrator.method: hht needs alpha"),

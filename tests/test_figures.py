@@ -170,16 +170,19 @@ def history(tmp_path_factory):
     [
         (lambda text: text[:-3], "truncated"),
         (lambda text: text.rpartition("\n")[0].rpartition(",")[0] + "\n", "fields where"),
-        (lambda text: text.replace("lambda[b]", "v[b]", 1), "the columns after t"),
+        (lambda text: text.replace("lambda[", "v["), "no columns lambda"),
         (lambda text: text.replace(",step,", ",stage,", 1), "lacks step"),
         (lambda text: text.replace("generalized", "generalised"), "needs generalized-α, direct"),
         (lambda text: text.replace("e-06,", "e-05,"), "needs trapezoidal, direct, trap"),
-        (lambda text: text.replace(",0.0,", ",zero,", 1), "line 2: t: not a number"),
+        (
+            lambda text: text.replace(",9.999999999999999e-05,", ",zero,", 1),
+            "line 2: t: not a number",
+        ),
     ],
 )
 def test_damaged_history(tmp_path, history, damage, words):
     figure = FIGURES["15"]
-    path = results.history_path(tmp_path, figure.study)
+    path = results.trajectory_path(tmp_path, figure.study)
     path.parent.mkdir()
     path.write_text(damage(history))
     with pytest.raises(ResultsError, match=words) as caught:

@@ -156,7 +156,7 @@ def test_no_folder_outside_is_written(cli, tmp_path):
     cli("run", "quick.yaml")
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    for name in ("cells", "figures", "tables", "references", "history"):
+    for name in ("cells", "figures", "tables", "references", "trajectory"):
         place = cli.folder / "results" / name
         if place.exists():
             place.rename(place.with_name(f"{name}-before"))
@@ -300,11 +300,11 @@ def test_a_run_that_was_killed_between_two_files_is_mended(cli):
 
 def test_what_is_no_more_goes_with_the_rest(cli):
     """A study that records no time series any more loses its old one, and the record agrees."""
-    config = STUDY.replace("t_end: 0.1}", "t_end: 0.1, measure: [history]}")
+    config = STUDY.replace("t_end: 0.1}", "t_end: 0.1, measure: [trajectory]}")
     cli.write("quick.yaml", config)
     cli("run", "quick.yaml")
-    assert (cli.folder / "results/history/quick.csv").exists()
+    assert (cli.folder / "results/trajectory/quick.csv").exists()
     cli.write("quick.yaml", STUDY)
     cli("run", "quick.yaml")
-    assert not (cli.folder / "results/history/quick.csv").exists()
+    assert not (cli.folder / "results/trajectory/quick.csv").exists()
     assert records.changed(cli.folder / "results", ["quick"]) == []

@@ -26,7 +26,7 @@ form: u-lambda
 preconditioning: none
 h: [1e-1]
 t_end: 1.0
-measure: [correction, history]
+measure: [correction, trajectory]
 """
 
 
@@ -180,8 +180,8 @@ def forget(path):
 
 SPOILT = {
     "changed": ("quick.csv", change, "quick.csv", "differs from its record"),
-    "changed series": ("history/series.csv", change, "history/series.csv", "differs"),
-    "series gone": ("history/series.csv", Path.unlink, "history/series.csv", "missing"),
+    "changed series": ("trajectory/series.csv", change, "trajectory/series.csv", "differs"),
+    "series gone": ("trajectory/series.csv", Path.unlink, "trajectory/series.csv", "missing"),
     "no checksum": ("quick.json", forget, "quick.csv", "not in quick.json"),
 }
 
@@ -249,7 +249,7 @@ def test_agreement_with_what_was_shipped(copied, tmp_path):
     ending = f"the numbers shipped with {newmark_cli.__version__}, bit for bit"
     every = f"2 of 2 studies: {ending}"
     but_one = f"1 of 2 studies: {ending}; not series"
-    for changed, told in ((None, every), ("history/series.csv", but_one)):
+    for changed, told in ((None, every), ("trajectory/series.csv", but_one)):
         expected = sums | ({"series": sums["series"] | {changed: "0"}} if changed else {})
         shipped.write_text(json.dumps(expected))
         assert records.agreement(copied, names, shipped) == told

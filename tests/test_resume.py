@@ -392,12 +392,11 @@ numbers = st.floats(allow_nan=True, allow_infinity=True)
     st.lists(st.tuples(st.sampled_from("uva"), numbers, numbers), max_size=4),
     st.sampled_from(STATUSES[:-1]),
     st.one_of(st.none(), st.integers(0, 10**9)),
-    st.lists(st.lists(numbers, min_size=2, max_size=2), max_size=3),
     st.lists(st.text(st.characters(codec="utf-8")), max_size=2).map(tuple),
     st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=3),
 )
-def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, series, lacks, kept):
-    """What is read back makes the same CSV, time series and trajectories."""
+def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, lacks, kept):
+    """What is read back makes the same CSV and trajectories."""
     outcome = Outcome(
         measurements=[
             Measurement(u, "correction", "primary", Statistics(x, y, x, y, 3)) for u, x, y in found
@@ -406,7 +405,6 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
         newton_iterations=math.pi,
         status=status,
         met=met,
-        history=[(k, np.array(values)) for k, values in enumerate(series)],
         lacks=lacks,
         trajectory={
             "step": np.arange(len(kept)),
@@ -422,7 +420,6 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, seri
     assert back.outcome.lacks == lacks
     for text in (
         lambda one: results.csv_text(results.COLUMNS, results.rows("s", [cell], [one])),
-        lambda one: results.history_text("s", [cell], [one]),
         lambda one: trajectories.table("s", [cell], [one]).csv(),
     ):
         assert text(back.outcome) == text(outcome)

@@ -55,7 +55,7 @@ def hostile(cli):
     config = {
         "study": "bad", "description": "d\x1b[31m\u202e", "problem": name,
         "form": "u-lambda", "preconditioning": "none", "h": [0.1, 0.05, 0.02], "t_end": 1.0,
-        "measure": ["correction", "history"],
+        "measure": ["correction", "trajectory"],
     }  # fmt: skip
     cli.write("bad.yaml", json.dumps(config))
     cli("run", "bad.yaml")

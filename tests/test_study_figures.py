@@ -730,9 +730,9 @@ tables:
     line = cli.refused("validate", "wrong.yaml")
     assert "quantiti" in line
     assert "did you mean 'quantity'" in line
-    cli.write("other.yaml", study + tables.replace("measure: condition", "measure: drift"))
+    cli.write("other.yaml", study + tables.replace("measure: condition", "measure: floor"))
     line = cli.refused("validate", "other.yaml")
-    assert "tables[1].measure: 'drift' is not among the study's" in line
+    assert "tables[1].measure: 'floor' is not among the study's" in line
 
 
 def test_drift_of_ones_own_over_time(cli):
@@ -740,8 +740,9 @@ def test_drift_of_ones_own_over_time(cli):
     cli.write(
         "mine.yaml",
         "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
-        "formulation: [index-1, ggl]\nmeasure: drift\nh: 1e-2\nt_end: 0.5\nsamples: 10\n"
-        "figures: [{measure: drift, kind: drift, panels: quantity, series: formulation}]\n",
+        "formulation: [index-1, ggl]\nmeasure: trajectory\ntrajectory: {every: 5, keep: drift}\n"
+        "h: 1e-2\nt_end: 0.5\n"
+        "figures: [{measure: trajectory, kind: drift, panels: quantity, series: formulation}]\n",
     )
     cli("run", "mine.yaml")
     given = Results(cli.folder / "results", collect(cli.folder / "results"))

@@ -76,7 +76,7 @@ cases:
     formulation: [{method: ggl}, {method: index-1}]
     h: 1e-3
     t_end: 0.01
-    measure: [correction, condition, history]
+    measure: [correction, condition, trajectory]
   - problem: hoist.yaml
     form: v-lambda
     preconditioning: left
@@ -100,7 +100,7 @@ def test_results_are_the_same_with_every_kernel(cli, other_kernel):
         f"{ended} -> two/bits.csv", f"{ended} ({count} cached) -> results/bits.csv"
     ]  # fmt: skip
     one, two = cli.folder / "results", cli.folder / "two"
-    for name in ("bits.csv", "history/bits.csv", "bits.json"):
+    for name in ("bits.csv", "trajectory/bits.csv", "bits.json"):
         assert (one / name).read_bytes() == (two / name).read_bytes(), name
     assert all(
         cell["operations"] > 0 for cell in json.loads((two / "bits.json").read_text())["cells"]

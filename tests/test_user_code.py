@@ -144,18 +144,21 @@ def swing():
 """
 
 
+KEPT = "measure: trajectory\ntrajectory: {at: 0.1}\n"
+
+
 def test_machine_code_is_not_kept(cli):
     """Numba's own cache goes by file times and by no imports; each process compiles anew."""
     sizes = "import numba\nGRAVITY = 1.0\n@numba.njit(cache=True)\ndef drag(t):\n    return 0 * t\n"
     cli.write("mine.py", COMPILED)
     cli.write("sizes.py", sizes)
     study = STUDY.replace("h: 0.1\nt_end: 1.0", "h: 0.01\nt_end: 0.1")
-    cli.write("mine.yaml", study[: study.index("expect")] + "measure: history\n")
+    cli.write("mine.yaml", study[: study.index("expect")] + KEPT)
     multipliers = []
     for gravity in ("1.0", "9.0"):
         cli.write("sizes.py", sizes.replace("1.0", gravity))
         cli("run", "mine.yaml", "--allow-code", "--force", "--jobs", 1)
-        with (cli.folder / "results/history/mine.csv").open() as file:
+        with (cli.folder / "results/trajectory/mine.csv").open() as file:
             multipliers.append(float(next(csv.DictReader(file))["lambda[1]"]))
     # From rest it goes by the square of gravity.
     assert multipliers[1] / multipliers[0] == pytest.approx(81, rel=0.01)

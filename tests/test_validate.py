@@ -262,7 +262,7 @@ def test_what_no_check_can_judge_is_said_before_it_runs(cli):
         ("h: [0.1]\nt_end: 0.2\nmeasure: condition\n", "warning: mine: one h, and so no order of "
          "condition can be judged"),
         ("h: [0.1, 0.05]\nt_end: 0.2\nmeasure: error\n", ""),
-        ("h: 0.1\nt_end: 0.2\nmeasure: history\n", ""),
+        ("h: 0.1\nt_end: 0.2\nmeasure: trajectory\n", ""),
         ("h: 0.1\nt_end: 0.2\nmeasure: error\nexpect: [{measure: error, at_most: 1}]\n", ""),
     ):  # fmt: skip
         cli.write("mine.yaml", study + rest)

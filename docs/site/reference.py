@@ -299,14 +299,14 @@ def csv_page() -> str:
             ((f"`{name}`", slopes.ABOUT[name]) for name in slopes.COLUMNS),
         )
         + "\n\n## Values over time\n\n"
-        "`history/<study>.csv`, `drift/<study>.csv` and `trajectory/<study>.csv` have a row for "
-        "each cell and recorded step: first the columns "
+        "`trajectory/<study>.csv` has a row for each cell and step that was kept: first the "
+        "columns "
         + ", ".join(f"`{name}`" for name in results.HISTORY_COLUMNS)
         + ", and of "
         + ", ".join(f"`{name}`" for name in results.HISTORY_MAY_HAVE)
-        + " those in which a cell differs from the default. Behind them stand λ by constraint in "
-        "the history, `position` and `velocity` in the drift, and in the trajectory what was kept, "
-        "by name: `u[A.x]`, `v[A.x]`, `a[A.x]`, `lambda[bars.link]`, …, `energy`. "
+        + " those in which a cell differs from the default. What was kept comes after them, by "
+        "name: "
+        "`u[A.x]`, `v[A.x]`, `a[A.x]`, `lambda[bars.link]`, …, `energy`, `drift[position]`. "
         "[Multipliers](../python.md#multipliers) has signs and units.\n"
     )
 

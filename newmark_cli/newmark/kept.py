@@ -14,6 +14,10 @@ KEPT = (*FIELDS, "lambda")
 ENERGY = "energy"
 #: What the problem has names for besides: angular velocities and reactions of mechanisms in space.
 OUTPUT = "output"
+#: How far the constraints and their rate are missed.
+DRIFT = "drift"
+#: All of these.
+KEEPABLE = (*KEPT, ENERGY, OUTPUT, DRIFT)
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Kept:
 
     every: int = 1  #: the start, every so many steps, and the last
     at: tuple[float, ...] = ()  #: the steps nearest to these times (s) instead, if there are any
-    keep: tuple[str, ...] = (*KEPT, ENERGY, OUTPUT)  #: some of `KEPT`, `ENERGY` and `OUTPUT`
+    keep: tuple[str, ...] = (*KEPT, ENERGY, OUTPUT)  #: some of `KEEPABLE`
 
     def looks(self, grid: TimeGrid, last: int) -> Sequence[int]:
         """Steps that are kept of a march, ascending; as a range where they may be many.

@@ -353,10 +353,6 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
     if kept := trajectories.table(study.study, cells, outcomes):
         file = results.trajectory_path(folder, study.study, parquet=options.parquet)
         texts[file] = kept.parquet() if options.parquet else kept.csv()
-    if history := results.history_text(study.study, cells, outcomes):
-        texts[results.history_path(folder, study.study)] = history
-    if drift := results.drift_text(study.study, cells, outcomes):
-        texts[results.drift_path(folder, study.study)] = drift
     checksums = {
         file.relative_to(folder).as_posix(): provenance.checksum(text)
         for file, text in texts.items()

@@ -1,6 +1,6 @@
 """Outcome of a cell of a study: measurements and status."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
@@ -22,7 +22,7 @@ STATUSES = (
 #: Verdict on a series that a study may be about, besides statuses of its cells.
 NOT_CONVERGING = "not_converging"
 
-#: Columns of the file of drifts, besides what tells a row from others.
+#: What drifts: the constraints, and their rate.
 DRIFTS = ("position", "velocity")
 
 
@@ -45,7 +45,6 @@ class _AsList:
         )
 
 
-Vector = Annotated[Array, _AsList()]
 Column = Annotated[Array | IndexArray, _AsList()]
 
 
@@ -59,12 +58,9 @@ class Outcome:
     status: str  #: one of `STATUSES`
     reason: str = ""  #: why, where the status is failed or redundant
     met: int | None = None  #: steps that met the tolerance; None where rounding stops Newton
-    #: rows of the time series, see `newmark_cli.study.results.history_text`
-    history: Sequence[tuple[int, Vector]] = ()
     #: why rows of the CSV are empty although the march reached its end: the reason for each thing
     #: that was not to be had, such as a reference
     lacks: tuple[str, ...] = ()
-    drift: Sequence[tuple[int, Vector]] = ()  #: rows of the file of drifts, as those of ``history``
     #: column → (k,) values of the steps that were kept: ``step``, ``t``, ``u[A.x]`` and so on;
     #: empty where none were to be
     trajectory: Mapping[str, Column] = field(default_factory=dict)

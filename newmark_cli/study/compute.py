@@ -93,8 +93,6 @@ def compute(
         status=REDUNDANT if reason else ended,
         reason=reason,
         met=march.done - not_converged if cell.stop else None,
-        history=[*chain.from_iterable(observer.history for observer in every)],
-        drift=[*chain.from_iterable(observer.drift for observer in every)],
         trajectory=next(filter(None, (observer.trajectory for observer in every)), {}),
         pivoted=pivoted,
         operations=of_march(march),

@@ -1,7 +1,6 @@
 """Study configs: YAML in, frozen models and cells out."""
 
 import math
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
@@ -25,7 +24,7 @@ from newmark_cli.mechanisms.spec import (
 )
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import is_formulated
-from newmark_cli.newmark.kept import ENERGY, OUTPUT
+from newmark_cli.newmark.kept import DRIFT, ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
@@ -44,7 +43,7 @@ from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.figure_keys import Figures
 from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
-from newmark_cli.study.measures import DRIFT, HISTORY, MEASURES, TRAJECTORY, Measure
+from newmark_cli.study.measures import MEASURES, TRAJECTORY, Measure
 from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents
 from newmark_cli.support.documents import (
@@ -71,15 +70,19 @@ _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 
 
-# Multipliers in the time series of a study, and numbers in its trajectories: up to 200 MB of
-# CSV each, 150 MB of kept cells, 1 GB of memory.
+# Numbers in the trajectories of a study: up to 200 MB of CSV, 150 MB of kept cells, 1 GB of
+# memory.
 _MOST_RECORDED = 5_000_000
-#: Measure that records over time → key that bounds how much, and how.
-_RECORDED = {
-    HISTORY.name: ("samples", "lower samples"),
-    DRIFT.name: ("samples", "lower samples"),
-    TRAJECTORY.name: ("trajectory", "keep fewer steps, or less of each"),
-}
+
+
+def _too_long(numbers: int, where: str = "") -> str:
+    """Why trajectories of so many numbers are refused; empty where they are not."""
+    if numbers <= _MOST_RECORDED:
+        return ""
+    return (
+        f"{TRAJECTORY.name} of {numbers} numbers{where}, at most {_MOST_RECORDED}; "
+        "keep fewer steps, or less of each"
+    )
 
 
 class _Rules(RuledModel):
@@ -147,12 +150,8 @@ class _Rules(RuledModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """Errors for problems that a study cannot use; loads problems only where it matters."""
-        for name, numbers in self.recorded().items():
-            key, mend = _RECORDED[name]
-            if numbers > _MOST_RECORDED:
-                now = f", given {self.samples}" if key == "samples" else ""
-                text = f"{name} of {numbers} numbers, at most {_MOST_RECORDED}; {mend}{now}"
-                yield misfit(key, text)
+        if text := _too_long(self.recorded()):
+            yield misfit("trajectory", text)
         yield from self._missed()
         yield from self._beyond()
         if not (
@@ -248,27 +247,20 @@ class _Rules(RuledModel):
             len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
         )
 
-    def recorded(self) -> dict[str, int]:
-        """Measure that records over time → most numbers in its file."""
-        numbers, steps = {}, [last for *_, last in self._lengths()]
+    def recorded(self) -> int:
+        """Most numbers in its trajectories."""
+        if (kept := axes.kept_of(self)) is None:
+            return 0
+        traits = [spec.traits() for spec in self.problem]
+        sizes = [
+            {"lambda": t.m, ENERGY: 1, OUTPUT: _outputs(t), DRIFT: 2} | dict.fromkeys("uva", t.n)
+            for t in traits
+        ]
+        width = sum(2 + sum(size[name] for name in kept.keep) for size in sizes)
+        steps = [last for *_, last in self._lengths()]
+        looks = sum(len(kept.at) or -(-last // kept.every) + 1 for last in steps)
         others = self.count // (len(self.h) * len(self.h_sequence) * len(self.problem))
-        needed = not set(_RECORDED).isdisjoint(self.measure)
-        traits = [spec.traits() for spec in self.problem] if needed else []
-        if HISTORY.name in self.measure:
-            pairs = sum(min(last, 2 * min(last, self.samples)) for last in steps)
-            width = sum(t.m + _outputs(t) for t in traits)
-            numbers[HISTORY.name] = pairs * width * others
-        if DRIFT.name in self.measure:
-            numbers[DRIFT.name] = 2 * self.count * self.samples
-        if (kept := axes.kept_of(self)) is not None:
-            sizes = [
-                {"lambda": t.m, ENERGY: 1, OUTPUT: _outputs(t)} | dict.fromkeys("uva", t.n)
-                for t in traits
-            ]
-            width = sum(2 + sum(size[name] for name in kept.keep) for size in sizes)
-            looks = sum(len(kept.at) or -(-last // kept.every) + 1 for last in steps)
-            numbers[TRAJECTORY.name] = looks * width * others
-        return numbers
+        return int(looks * width * others)
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
@@ -541,16 +533,8 @@ def _outputs(traits: Traits) -> int:
 
 
 def _refuse_long_series(document: Document, cases: Mapping[int, Case]) -> None:
-    recorded: Counter[str] = Counter()
-    for case in cases.values():
-        recorded.update(case.recorded())
-    for name, numbers in recorded.items():
-        if numbers > _MOST_RECORDED:
-            raise document.error(
-                ("cases",),
-                f"{name} of {numbers} numbers in all cases, at most {_MOST_RECORDED}; "
-                f"{_RECORDED[name][1]}",
-            )
+    if text := _too_long(sum(case.recorded() for case in cases.values()), " in all cases"):
+        raise document.error(("cases",), text)
 
 
 def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:

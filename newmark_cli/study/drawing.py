@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 from newmark_cli.study import axes
-from newmark_cli.study.measures import ERROR, MEASURES, RECORDS
+from newmark_cli.study.measures import ERROR, MEASURES, RECORDED, RECORDS
 
 Entry = TypeVar("Entry")
 
@@ -12,7 +12,7 @@ Entry = TypeVar("Entry")
 WORK_PRECISION = "work-precision"
 
 #: What a figure can show: kinds of rows, measures that give several kinds, and this one.
-SHOWABLE = tuple(dict.fromkeys((*RECORDS, *MEASURES, WORK_PRECISION)))
+SHOWABLE = tuple(dict.fromkeys((*RECORDED, *MEASURES, WORK_PRECISION)))
 
 #: Axes that a figure can compare: as the series of a panel, or as panels.
 COMPARABLE = tuple(

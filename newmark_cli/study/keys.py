@@ -58,7 +58,7 @@ from newmark_cli.newmark.integrator import (
     parameters,
     plain_label,
 )
-from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
+from newmark_cli.newmark.kept import KEEPABLE, Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
@@ -73,7 +73,7 @@ from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError
 from newmark_cli.study import drawing, tabulating
 from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, in_words
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
-from newmark_cli.study.measures import MEASURES, RECORDS
+from newmark_cli.study.measures import MEASURES, RECORDED
 from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
 from newmark_cli.support.errors import InputError
@@ -821,10 +821,11 @@ class TrajectoryConfig(Valued):
     at: OneOrMore[Number] | None = Field(
         None, description="the steps nearest to these times (s) instead"
     )
-    keep: OneOrMore[Annotated[str, _Known("name", (*KEPT, ENERGY, OUTPUT))]] = Field(
-        (*KEPT, ENERGY, OUTPUT),
+    keep: OneOrMore[Annotated[str, _Known("name", KEEPABLE)]] = Field(
+        Kept().keep,
         description="fields to keep; energy: where it is conserved; output: angular velocities, "
-        "angles and reactions of spatial mechanisms",
+        "angles and reactions of spatial mechanisms; drift: how far the constraints and their rate "
+        "are missed; default: all but drift",
     )
 
     @model_validator(mode="after")
@@ -874,7 +875,7 @@ Tabulated = OneOrMore[Annotated[str, _ALIAS, _Known("axis", tabulating.AXES)]]
 TableValues = OneOrMore[Annotated[str, _Known("value", tuple(tabulating.VALUES))]]
 Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
 Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
-Recorded = Annotated[str, _Known("measure", tuple(RECORDS))]
+Recorded = Annotated[str, _Known("measure", RECORDED)]
 RowBlocks = OneOrMore[Annotated[str, _Known("row block", ROWS)]]
 
 

@@ -21,7 +21,7 @@ from newmark_cli.newmark import integrator, steps
 from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS
-from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT, Kept
+from newmark_cli.newmark.kept import DRIFT, ENERGY, KEPT, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import GMRES
 from newmark_cli.newmark.orders import FormOrders, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, Scaling
@@ -89,10 +89,6 @@ class Observer:
     #: have any: each takes all that a stretch has recorded.
     looks: Sequence[int] = ()
     reason: str = ""  #: why the march is to end where it stands; empty as long as it may go on
-    #: values at recorded steps, for the file of time series: see `over_time`
-    history: Sequence[tuple[int, Array]] = ()
-    #: misfits (2,) of the constraints and their rate at sampled steps, for their file
-    drift: Sequence[tuple[int, Array]] = ()
 
     def took(self, stretch: "Stretch") -> None:
         """The march took these steps."""
@@ -781,55 +777,6 @@ INVARIANT = Measure(
 )
 
 
-# -- drift ------------------------------------------------------------------------------------
-
-
-class _Drift(Observer):
-    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
-        self.stops = _sampled(cell)
-        self.drift: list[tuple[int, Array]] = []
-        self._signed: dict[str, list[Array]] = {name: [] for name in DRIFTS}
-
-    @property
-    def deviations(self) -> Deviations:
-        return _at_samples(self._signed)
-
-    def sees(self, march: "March") -> None:
-        from newmark_cli.newmark.invariants import misfits
-
-        u, v = np.asarray(march.here.fields[:2], float)
-        by_name = misfits(march.problem, march.t, u, v)
-        self.drift.append((march.done, np.array([by_name[name].error for name in DRIFTS])))
-        for name, errors in self._signed.items():
-            errors.append(by_name[name].errors)
-
-    def measured(self) -> list[Measurement]:
-        return _of_largest("drift", self.deviations)
-
-
-_LABELS_OF_DRIFT = {
-    "position": r"largest $|\Phi_k|/\|G_k\|$ (m)",
-    "velocity": r"largest $|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
-}
-
-DRIFT = Measure(
-    "drift",
-    "how far the constraints and their rate are missed over time, in m and m/s, into "
-    "`results/drift/<study>.csv`",
-    (
-        Record(
-            "drift",
-            lambda key: f"drift: {symbol(key.quantity)}",
-            lambda key: _LABELS_OF_DRIFT.get(key.quantity, key.quantity),
-            "max",
-            quantities=DRIFTS,
-        ),
-    ),
-    _Drift,
-    twins=True,
-)
-
-
 # -- krylov -----------------------------------------------------------------------------------
 
 
@@ -907,80 +854,26 @@ TOLERANCE = Measure(
 )
 
 
-# -- history ----------------------------------------------------------------------------------
-
-
-def over_time(problem: "Problem") -> tuple[str, ...]:
-    """Columns of a problem's time series: multipliers, outputs, and the energy if conserved.
-
-    A problem without outputs has its multipliers only.
-    """
-    columns = tuple(f"{LAMBDA}[{name}]" for name in problem.constraint_names)
-    if problem.outputs is None:
-        return columns
-    named = tuple(f"{OUTPUT}[{name}]" for name in problem.outputs.names)
-    return (*columns, *named, *((ENERGY,) if problem.potential is not None else ()))
-
-
-#: Multipliers in the names of their columns in time series: ``lambda[bars.link]``.
-LAMBDA = "lambda"
-
-
-class _History(Observer):
-    def __init__(self, cell: Cell, march: "March", reference: "Reference | None") -> None:
-        sampled = _sampled(cell)
-        # An error that alternates from step to step shows only in pairs of steps.
-        self.stops = sampled | {step - 1 for step in sampled if step > 1}
-        self.history: list[tuple[int, Array]] = []
-        self._problem = march.problem
-
-    def sees(self, march: "March") -> None:
-        problem, multipliers = march.problem, march.multipliers
-        parts = [multipliers]
-        if problem.outputs is not None:
-            u, v = np.asarray(march.state.fields[:2], float)
-            parts.append(problem.outputs.values(problem, march.t, u, v, multipliers))
-            energies = problem.energies(march.t, u, v)
-            parts += [] if energies is None else [np.array([sum(energies)])]
-        self.history.append((march.done, np.concatenate(parts)))
-
-    def measured(self) -> list[Measurement]:
-        from newmark_cli.problems.multipliers import weights_at_start
-
-        names = over_time(self._problem)
-        m, outputs = self._problem.m, self._problem.outputs
-        groups: dict[str, Any] = {}
-        if outputs is not None:
-            end = m + len(outputs.names)
-            groups |= {kind: m + np.flatnonzero(of) for kind, of in _groups(outputs).items()}
-            groups |= {ENERGY: slice(end, end + 1)} if len(names) > end else {}
-        values = np.abs([of_step for _, of_step in self.history]).reshape(-1, len(names))
-        largest = {"lambda": weights_at_start(self._problem).largest(values[:, :m])}
-        largest |= {quantity: values[:, of].max(axis=1) for quantity, of in groups.items()}
-        return [
-            Measurement(quantity, "history", "primary", statistics(of_steps))
-            for quantity, of_steps in largest.items()
-        ]
-
-
-HISTORY = Measure(
-    "history",
-    "λ over time, in space also reactions, angular velocities and the energy by name, into "
-    "`results/history/<study>.csv`, in pairs of successive steps",
-    (
-        Record(
-            "history",
-            lambda key: f"{symbol(key.quantity)} over time",
-            lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
-            "max",
-            quantities=("lambda", *OF_OUTPUTS, ENERGY),
-        ),
-    ),
-    _History,
-)
-
-
 # -- trajectory -------------------------------------------------------------------------------
+
+#: Quantities of the rows of trajectories.
+_OF_TRAJECTORIES = (*KEPT, ENERGY, OUTPUT, *DRIFTS)
+_LABELS_OF_DRIFTS = {
+    "position": r"largest $|\Phi_k|/\|G_k\|$ (m)",
+    "velocity": r"largest $|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
+}
+
+
+def _over_time(name: str, quantities: tuple[str, ...]) -> Record:
+    return Record(
+        name,
+        lambda key: f"{symbol(key.quantity)} over time",
+        lambda key: _LABELS_OF_DRIFTS.get(
+            key.quantity, rf"largest $|{_math(key.quantity)}|$ along the way"
+        ),
+        "max",
+        quantities=quantities,
+    )
 
 
 class _Trajectories(Observer):
@@ -990,7 +883,7 @@ class _Trajectories(Observer):
         self._problem = march.problem
         kept = self._kept = cell.trajectory or Kept()
         steps = kept.looks(march.grid, cell.steps)
-        wanted = {*kept.keep, *(("u", "v") if ENERGY in kept.keep else ())}
+        wanted = {*kept.keep, *(("u", "v") if {ENERGY, DRIFT} & {*kept.keep} else ())}
         if OUTPUT in kept.keep and march.problem.outputs is not None:
             wanted |= {"u", "v", "lambda"}
         self._recorder = Recorder(march, [name for name in KEPT if name in wanted], len(steps) + 1)
@@ -1008,10 +901,22 @@ class _Trajectories(Observer):
             self._recorder.keep_here()
         return self._recorder.trajectory()
 
+    @cached_property
+    def _drifts(self) -> dict[str, Array]:
+        from newmark_cli.newmark.invariants import misfits
+
+        if DRIFT not in self._kept.keep:
+            return {}
+        recorded = self._recorded
+        states = zip(recorded.t.tolist(), recorded.u, recorded.v, strict=True)
+        missed = [misfits(self._problem, *state) for state in states]
+        return {name: np.array([of[name].error for of in missed]) for name in DRIFTS}
+
     @property
     def trajectory(self) -> Mapping[str, Array | IndexArray]:
         recorded = self._recorded
-        return {"step": recorded.numbers} | recorded.columns(self._kept.keep)
+        drifts = {f"{DRIFT}[{name}]": values for name, values in self._drifts.items()}
+        return {"step": recorded.numbers} | recorded.columns(self._kept.keep) | drifts
 
     def measured(self) -> list[Measurement]:
         from newmark_cli.problems.multipliers import weights_at_start
@@ -1024,6 +929,7 @@ class _Trajectories(Observer):
             sizes[ENERGY] = recorded.energy[:, None]
         if OUTPUT in self._kept.keep and recorded.output_names:
             sizes[OUTPUT] = recorded.outputs
+        sizes |= {name: values[:, None] for name, values in self._drifts.items()}
         largest = {
             name: np.abs(values[after]).max(axis=1, initial=0.0) for name, values in sizes.items()
         }
@@ -1031,24 +937,17 @@ class _Trajectories(Observer):
             largest["lambda"] = weights_at_start(self._problem).largest(sizes["lambda"][after])
         return [
             Measurement(name, "trajectory", "primary", statistics(largest[name]))
-            for name in (*KEPT, ENERGY, OUTPUT)
+            for name in _OF_TRAJECTORIES
             if name in largest
         ]
 
 
 TRAJECTORY = Measure(
     "trajectory",
-    "u, v, a, λ, the energy, and reactions and angular velocities in space over time, by name, "
-    "into `results/trajectory/<study>.csv`; the key `trajectory` says at which steps",
-    (
-        Record(
-            "trajectory",
-            lambda key: f"{symbol(key.quantity)} over time",
-            lambda key: rf"largest $|{_math(key.quantity)}|$ along the way",
-            "max",
-            quantities=(*KEPT, ENERGY, OUTPUT),
-        ),
-    ),
+    "u, v, a, λ, the energy, reactions and angular velocities in space, and how far the "
+    "constraints and their rate are missed (m, m/s), over time, by name, into "
+    "`results/trajectory/<study>.csv`; the key `trajectory` says what, and at which steps",
+    (_over_time("trajectory", _OF_TRAJECTORIES),),
     _Trajectories,
 )
 
@@ -1115,11 +1014,19 @@ def _by_name(*measures: Measure) -> Mapping[str, Measure]:
 
 #: Measures by name, in the order of a cell's rows.
 MEASURES = _by_name(
-    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, HISTORY, TRAJECTORY,
-    DRIFT, FLOOR, TRANSIENT,
+    CORRECTION, CONDITION, SENSITIVITY, ERROR, INVARIANT, KRYLOV, TOLERANCE, TRAJECTORY, FLOOR,
+    TRANSIENT,
 )  # fmt: skip
 
+#: Records that only CSVs of versions before 0.4 have.
+FORMER = (
+    _over_time("history", ("lambda", *OF_OUTPUTS, ENERGY)),
+    _over_time("drift", DRIFTS),
+)
 #: Records by name, as the CSV's column ``measure`` has them.
 RECORDS: Mapping[str, Record] = MappingProxyType(
-    {record.name: record for measure in MEASURES.values() for record in measure.records}
+    {r.name: r for measure in MEASURES.values() for r in measure.records}
+    | {record.name: record for record in FORMER}
 )
+#: Those that a study can have.
+RECORDED = tuple(record.name for measure in MEASURES.values() for record in measure.records)

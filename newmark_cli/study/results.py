@@ -13,10 +13,8 @@ from typing import Any
 from newmark_cli.newmark.statistics import Statistics
 from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
-from newmark_cli.study.cell import DRIFTS, Outcome
-from newmark_cli.study.measures import LAMBDA, over_time
+from newmark_cli.study.cell import Outcome
 from newmark_cli.support import files
-from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ResultsError
 
 
@@ -81,7 +79,7 @@ MEASURED = (
     _statistic(
         ROUNDING,
         "what rounding alone changes in the statistic that figures use, in its unit: of "
-        "errors, invariants and drifts the standard deviation over the march and its twins, and "
+        "errors and invariants the standard deviation over the march and its twins, and "
         "the reference's own error; of corrections the standard error of the rms from blocks of "
         "steps; of sensitivities the change from one state to a neighbouring one; empty where it "
         "is not known",
@@ -135,7 +133,7 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     return table
 
 
-#: Columns of a time series before those of the multipliers, lambda[bars.link] and so on.
+#: Columns of a trajectory before those of what was kept, lambda[bars.link] and so on.
 HISTORY_COLUMNS = (
     "study", *(axis.name for axis in axes.cell_axes() if axis.cell and axis.since[0] == 0),
     "step", "t",
@@ -144,71 +142,15 @@ HISTORY_COLUMNS = (
 HISTORY_MAY_HAVE = tuple(axis.name for axis in axes.cell_axes() if axis.cell and axis.since[0] > 0)
 
 
-def history_path(folder: Path, study: str) -> Path:
-    """File of a study's time series."""
-    return folder / "history" / f"{study}.csv"
-
-
 def trajectory_path(folder: Path, study: str, parquet: bool = False) -> Path:
     """File of a study's trajectories: a CSV, or in Parquet."""
     return folder / "trajectory" / f"{study}.{'parquet' if parquet else 'csv'}"
 
 
-def drift_path(folder: Path, study: str) -> Path:
-    """File of a study's drifts."""
-    return folder / "drift" / f"{study}.csv"
-
-
 #: Folder of the records of runs.
 RUNS = "runs"
-#: Folders of what cells record over time.
+#: Folders of what cells record over time; those but the last are of versions before 0.4.
 SERIES_FOLDERS = ("history", "drift", "trajectory")
-
-
-def history_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
-    """CSV of multipliers and outputs: a row for each cell and recorded step; or empty."""
-    of_problem = {
-        spec: over_time(spec.load())
-        for spec in {cell.problem for cell, o in zip(cells, outcomes, strict=True) if o.history}
-    }
-    recorded = [outcome.history for outcome in outcomes]
-    names = [of_problem.get(cell.problem, ()) for cell in cells]
-    return _over_time(study, cells, recorded, names)
-
-
-def drift_text(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> str:
-    """CSV of the recorded drifts: a row for each cell and recorded step; or empty."""
-    return _over_time(
-        study, cells, [outcome.drift for outcome in outcomes], [DRIFTS] * len(outcomes)
-    )
-
-
-def _over_time(
-    study: str,
-    cells: Sequence[Cell],
-    recorded: Sequence[Sequence[tuple[int, Array]]],
-    names: Sequence[Sequence[str]],
-) -> str:
-    """CSV of recorded values by name; empty if there are none."""
-    parts = [
-        (cell, own, steps) for cell, own, steps in zip(cells, names, recorded, strict=True) if steps
-    ]
-    if not parts:
-        return ""
-    every = dict.fromkeys(name for _, own, _ in parts for name in own)
-    ordered = sorted(every, key=lambda name: not name.startswith(LAMBDA))
-    labels = [axes.labels(cell) for cell, _, _ in parts]
-    # Row by row: there may be millions of values.
-    table = (
-        {"study": study}
-        | label
-        | {"step": step, "t": grid.t(step)}
-        | dict(zip(own, values.tolist(), strict=False))
-        for label, (cell, own, steps) in zip(labels, parts, strict=True)
-        for grid in (cell.grid(cell.problem.load().t0),)
-        for step, values in steps
-    )
-    return csv_text((*HISTORY_COLUMNS, *told_apart(labels), *ordered), table)
 
 
 def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -283,11 +225,8 @@ def run_path(path: Path) -> Path:
 
 def series_paths(path: Path) -> tuple[Path, ...]:
     """Files of what a study records over time, of which it may have none."""
-    return (
-        history_path(path.parent, path.stem),
-        drift_path(path.parent, path.stem),
-        *(trajectory_path(path.parent, path.stem, parquet) for parquet in (False, True)),
-    )
+    names = (*(f"{folder}/{path.stem}.csv" for folder in SERIES_FOLDERS),)
+    return (*map(path.parent.joinpath, names), trajectory_path(path.parent, path.stem, True))
 
 
 def replace(

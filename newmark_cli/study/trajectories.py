@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.newmark.kept import ENERGY, KEPT, OUTPUT
+from newmark_cli.newmark.kept import KEEPABLE
 from newmark_cli.study import axes, reading, results
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
@@ -95,8 +95,7 @@ def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Tab
     components = dict.fromkeys(
         name for _, outcome in parts for name in outcome.trajectory if name not in ("step", "t")
     )
-    kinds = (*KEPT, ENERGY, OUTPUT)
-    ordered = sorted(components, key=lambda name: kinds.index(name.partition("[")[0]))
+    ordered = sorted(components, key=lambda name: KEEPABLE.index(name.partition("[")[0]))
     varying = results.told_apart([label for label, _ in parts])
     return Table(study, (*HISTORY_COLUMNS, *varying, *ordered), parts)
 

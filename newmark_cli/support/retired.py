@@ -34,6 +34,12 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
         "info": ("show", "take 'show STUDY --record', with --json for the whole record"),
         "schema": ("list", "take 'list --schema config', mechanism or spatial"),
         **dict.fromkeys(("21", "22"), ("20", "the study stopping, which it showed, went")),
+        "history": (
+            "trajectory",
+            "take measure: trajectory and trajectory: {every: 11, keep: lambda}, which with an odd "
+            "number shows what alternates from step to step",
+        ),
+        "drift": ("trajectory", "take measure: trajectory and trajectory: {keep: drift}"),
         "stopping": ("step-changes", "the page on studies says what `stop` can test"),
     }
 )

@@ -282,7 +282,7 @@ def _history(figure: Figure, results: Results) -> Sheet:
         linthresh=10.0 ** math.floor(math.log10(most)) if most > 0 else 1.0,
     )
     h = figure.h or results.by_key[figure.curves[0].key].h.min()
-    note = f"$h$ = {step(float(h))} s; pairs of successive steps"
+    note = f"$h$ = {step(float(h))} s"
     farther = span < 0.8 * max(float(np.ptp(trace.y)) for trace in series)
     panels = (zoomed, full_range) if farther else (zoomed,)
     return Sheet(figure.title, panels, note=note, settings=figure.style)

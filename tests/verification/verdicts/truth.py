@@ -58,7 +58,6 @@ STATISTIC = {
     "error": "last",
     "invariant": "max",
     "tolerance": "met",
-    "history": "max",
 }
 UNDECIDED = "undecided"
 #: Verdicts that a label allows.
