@@ -1,6 +1,5 @@
 """JSON Schemas: as committed, found by editors, and never stricter than `validate`."""
 
-import functools
 import json
 import re
 from pathlib import Path
@@ -19,7 +18,6 @@ from newmark_cli.support.documents import DocumentError
 ROOT = Path(__file__).parents[1]
 MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"
 COMMITTED = {
-    ROOT / "configs/schema/config.json": ("list", "--schema", "config"),
     MECHANISMS / "schema/mechanism.json": ("list", "--schema", "mechanism"),
     MECHANISMS / "schema/spatial.json": ("list", "--schema", "spatial"),
 }
@@ -78,24 +76,19 @@ def test_schemas_are_schemas(kind):
                 assert "description" in value or "$ref" in value or key == "method", key
 
 
-@functools.cache
-def committed(file):
-    """A validator by a committed schema."""
-    return Draft202012Validator(json.loads(file.read_text()))
-
-
 @each("file", FILES)
 def test_editors_find_the_schema_and_it_fits(file, folder):
-    """The first line of every shipped file names the schema of its kind by a path."""
+    """The first line of every mechanism names the schema of its kind by a path."""
     text = file.read_text()
-    named = re.match(r"# yaml-language-server: \$schema=(\S+)\n", text)
-    target = (file.parent / named[1]).resolve()
-    assert target in COMMITTED
     # As an editor reads it, not with the project's reader.
     data = yaml.load(text, Loader=_Yaml12)
     kind = "spatial" if loading.is_spatial(data) else "mechanism" if "points" in data else "config"
-    assert target.stem == kind
-    committed(target).validate(data)
+    VALIDATORS[kind].validate(data)
+    if kind != "config":
+        named = re.match(r"# yaml-language-server: \$schema=(\S+)\n", text)
+        target = (file.parent / named[1]).resolve()
+        assert target in COMMITTED
+        assert target.stem == kind
     if file.parent.name == "examples":  # others are loaded by tests of their own
         assert judged(text, folder) == ("", "")
 
@@ -156,22 +149,16 @@ def test_unusual_but_right(folder, text, old, new):
 @each(
     ("text", "old", "new"),
     [
-        (QUICK, "problem: pendulum", "problem: pendulm"),
-        (QUICK, "problem: pendulum", 'problem: {python: "a.py:f", args: {a: []}}'),
-        (QUICK, "problem: pendulum", "problem: {chain: {links: 0}}"),
         (QUICK, "problem: pendulum\n", ""),
         (QUICK, "form: u-lambda", "frm: u-lambda"),
         (QUICK, "u-lambda", "[u-lambda]\ncases: [{form: v-lamda}]"),
         (QUICK, "1e-2]", "0]"),
-        (QUICK, "study: quick", "study: slopes"),
         (QUICK, "study: quick", "study: quick\ndescription: 3"),
         (QUICK, "t_end: 1.0", "steps: 1.5"),
         (QUICK, "t_end: 1.0", "t_end: 1\nintegrator: {method: hht, alfa: 0.1}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nkrylov: {tolerance: 1}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nmeasure: trajectory\ntrajectory: {keep: w}"),
         (QUICK, "t_end: 1.0", "t_end: 1\nexpect: [{measure: condition, slope: two}]"),
-        (QUICK, "[none, optimal]", "{name: x, left: {E: h}}"),
-        (QUICK, "[none, optimal]", "{name: x, left: {D: [h]}}"),
         (EXAMPLE, "length: 0.5,", "length: '0.5',"),
         (EXAMPLE, "length: 0.5,", "length: 1e31,"),
         (EXAMPLE, "gravity: [0, -9.81]", "gravity: -9.81"),

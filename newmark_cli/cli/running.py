@@ -62,8 +62,6 @@ def run(
     from newmark_cli.study import config
 
     studies = [config.find(name, allow_code, how.timeout) for name in configs]
-    for line in () if quiet else (line for study in studies for line in config.unjudged(study)):
-        screen.complain(f"warning: {line}")
     if dry_run:
         return _dry_run(studies, folder, how.force)
     how = replace(how, parquet=kind == "parquet", timed=timed, replace=replacing)

@@ -19,19 +19,15 @@ from newmark_cli.mechanisms.spec import (
     MechanismFile,
     ProblemSpec,
     Traits,
-    is_code,
     with_ending,
 )
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.formulation import is_formulated
 from newmark_cli.newmark.kept import DRIFT, ENERGY, OUTPUT
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
-    PIVOTED_UP_TO,
     SPARSE,
     STATIC,
-    choose,
 )
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED
@@ -214,22 +210,6 @@ class _Rules(RuledModel):
         """Scalings in the order given."""
         return list(axes.values(self)["preconditioning"])
 
-    def unseen(self) -> str:
-        """Where `auto` takes a solver that does not see a scaling; empty where it does not."""
-        specs = [s for s in self.problem if AUTO in self.linear_solver and not is_code(s)]
-        names = ("form", "formulation", "projection", "precision")
-        for spec, at in product(specs, self._combinations(*names)):
-            form, formulated = (
-                at["formulation"].applied(FORMS[at["form"]]),
-                is_formulated(at["formulation"], at["projection"]),
-            )
-            if choose(AUTO, spec.traits(), form, formulated, at["precision"]) == STATIC:
-                return (
-                    f"linear_solver {AUTO} takes {STATIC} for {spec.label}, {at['form']}, as above "
-                    f"{PIVOTED_UP_TO} unknowns; it does not see a scaling, {DENSE} and {SPARSE} do"
-                )
-        return ""
-
     def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""
         values = axes.values(self)
@@ -358,30 +338,6 @@ class Study(StrictModel):
     def cells(self) -> list[Cell]:
         """All cells in the order of the CSV."""
         return [cell for case in self.cases for cell in case.cells()]
-
-
-def unjudged(study: Study) -> Iterator[str]:
-    """What `check` will not be able to judge or compare in a study: a line for each reason."""
-    sizes: dict[tuple[str, str], set[float]] = {}
-    at_other_times: dict[str, None] = {}
-    for case in study.cases:
-        for spec, name in product(case.problem, case.measure):
-            if any(record.predicts for record in MEASURES[name].records):
-                sizes.setdefault((spec.label, name), set()).update(case.h)
-        if case.steps and len(set(case.h)) > 1:
-            ended = (r.name for name in case.measure for r in MEASURES[name].records if r.at_end)
-            at_other_times |= dict.fromkeys(ended)
-    alone = dict.fromkeys(name for (_, name), h in sizes.items() if len(h) == 1)
-    if alone and study.expect is None:
-        yield f"{study.study}: one h, and so no order of {', '.join(alone)} can be judged"
-    if at_other_times:
-        yield (
-            f"{study.study}: steps: every h ends at another time, and so no order of "
-            f"{', '.join(at_other_times)} can be judged; give t_end"
-        )
-    scalings = {variant.name for case in study.cases for variant in case.variants()}
-    if len(scalings) > 1 and (text := next(filter(None, (c.unseen() for c in study.cases)), "")):
-        yield f"{study.study}: {text}"
 
 
 def load(
@@ -675,7 +631,6 @@ def describe(name: str, allow_code: bool) -> list[str]:
 
         return _summary(name, problem) + guess.assembled(problem)
     study = parse(document, Surroundings(path.parent, allow_code))
-    warn(*unjudged(study))
     return [f"{name}: study {study.study}, {study.count} cells"]
 
 

@@ -38,7 +38,7 @@ from newmark_cli.mechanisms.spec import (
     with_ending,
 )
 from newmark_cli.newmark import steps
-from newmark_cli.newmark.forms import FORMS, INDEX_3, MULTIPLIERS, ROWS
+from newmark_cli.newmark.forms import FORMS, INDEX_3, ROWS
 from newmark_cli.newmark.formulation import (
     METHODS,
     PROJECTIONS,
@@ -187,23 +187,8 @@ Positive = Annotated[Number, Field(gt=0)]
 Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
 TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
 StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
-Name = Annotated[
-    str,
-    AfterValidator(_name),
-    also(pattern=f"^{STUDY_NAME.pattern}$", not_={"enum": list(_RESERVED)}),
-]
+Name = Annotated[str, AfterValidator(_name)]
 Factor = str | Annotated[int, Strict()] | Number
-
-
-def _blocks(*names: str) -> Shown:
-    """Mapping with these keys; `own_scaling` knows which of them a form has."""
-
-    def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-        factor = handler(schema)["additionalProperties"]
-        properties = dict.fromkeys(names, factor)
-        return {"type": "object", "properties": properties, "additionalProperties": False}
-
-    return Shown(written)
 
 
 class Valued(StrictModel):
@@ -228,13 +213,11 @@ def read(name: str, value: Any, model: type[Value]) -> Any:
 class OwnScaling(Valued):
     """A scaling of your own; blocks that are not named keep the factor 1."""
 
-    name: Annotated[Name, also(not_={"enum": [*_RESERVED, *VARIANTS]})] = Field(
-        description="name in CSVs and figures"
-    )
-    left: Annotated[dict[str, Factor], _blocks(*ROWS)] = Field(
+    name: Name = Field(description="name in CSVs and figures")
+    left: dict[str, Factor] = Field(
         {}, description="row block D, V, K, C → monomial in beta, gamma and h"
     )
-    right: Annotated[dict[str, Factor], _blocks(*FIELDS, *MULTIPLIERS)] = Field(
+    right: dict[str, Factor] = Field(
         {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
     )
 
@@ -760,58 +743,6 @@ def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
     return solvers
 
 
-def _written_variant(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    """What `_preconditioning` takes."""
-    own = handler(OwnScaling.__pydantic_core_schema__)
-    label = {"type": "string", "pattern": r"\]$"}
-    return {"anyOf": [{"type": "string", "enum": list(VARIANTS)}, label, own]}
-
-
-def _written_problem(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    """What `problem_of` takes."""
-
-    def mapping(about: str, properties: JsonSchema, required: str) -> JsonSchema:
-        return {
-            "type": "object",
-            "description": about,
-            "properties": properties,
-            "required": [required],
-            "additionalProperties": False,
-        }
-
-    arguments = {
-        "type": "object",
-        "description": "arguments of the function",
-        "additionalProperties": {"type": ["string", "number", "boolean", "null"]},
-    }
-    # Identifiers may have letters of any script, which no pattern names.
-    code = {"type": "string", "pattern": r"[^:]:[^\s\d:()./-][^\s:()./-]*$"}
-    return {
-        "anyOf": [
-            {"type": "string", "enum": list(PROBLEMS)},
-            {
-                "type": "string",
-                "description": "mechanism file, relative to the config, or a label of a problem",
-                "pattern": r"\.ya?ml/*$|\)$|\.py:\w+$",
-            },
-            {
-                "type": "object",
-                "description": "mechanism, with the keys of a mechanism file",
-                "anyOf": [{"required": [key]} for key in loading.OF_MECHANISMS],
-            },
-            *(
-                mapping(family.title, {name: handler(family.size.__pydantic_core_schema__)}, name)
-                for name, family in FAMILIES.items()
-            ),
-            mapping(
-                "function in a Python file, which runs only with --allow-code",
-                {"python": code, "args": arguments},
-                "python",
-            ),
-        ]
-    }
-
-
 class TrajectoryConfig(Valued):
     """What `measure: trajectory` keeps: every k-th step, or those nearest to some times."""
 
@@ -840,14 +771,9 @@ class TrajectoryConfig(Valued):
         return Kept(self.every or 1, times, self.keep)
 
 
-Variant = Annotated[Any, BeforeValidator(_preconditioning), Shown(_written_variant)]
+Variant = Annotated[Any, BeforeValidator(_preconditioning)]
 Problems = OneOrMore[
-    Annotated[
-        Any,
-        BeforeValidator(problem_of),
-        PlainSerializer(lambda p: p.given),
-        Shown(_written_problem),
-    ]
+    Annotated[Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)]
 ]
 Variants = OneOrMore[Variant]
 StepSizes = OneOrMore[Positive]
@@ -886,7 +812,7 @@ def _one_line(text: str) -> str:
 
 
 #: A line of text, and a word or a number that names something.
-OneLine = Annotated[str, Strict(), AfterValidator(_one_line), also(pattern=_LINE)]
+OneLine = Annotated[str, Strict(), AfterValidator(_one_line)]
 Word = Annotated[
     str,
     BeforeValidator(lambda v: str(v) if isinstance(v, int) and not isinstance(v, bool) else v),

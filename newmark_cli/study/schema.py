@@ -19,13 +19,7 @@ from newmark_cli.support.json_schema import JsonSchema
 def config_schema() -> JsonSchema:
     """Of study configs: keys of a case stand at the top, in a list of cases, or in both."""
     written = Study.model_json_schema()
-    definitions = written["$defs"]
-    case = definitions["Case"]
-    for key, value in case["properties"].items():
-        one, several, *_ = value.get("anyOf", ({}, {}))
-        if several.get("items") == one and "$ref" not in one:
-            definitions[key] = one
-            value["anyOf"][0] = several["items"] = {"$ref": f"#/$defs/{key}"}
+    case = written["$defs"]["Case"]
     for name, usual in ALIASES.items():
         case["properties"][name] = case["properties"][usual]
     needed = [key for key in case.pop("required") if key not in ALIASES.values()]
