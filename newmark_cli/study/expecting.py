@@ -44,9 +44,6 @@ from newmark_cli.support.documents import (
 from newmark_cli.support.json_schema import JsonSchema, Shown, also
 from newmark_cli.support.spelling import nearest
 
-if TYPE_CHECKING:
-    pass
-
 _MOST = 1_000
 _Choice = Mapping[str, Sequence[str]]
 #: Keys of which an expectation has one at least.

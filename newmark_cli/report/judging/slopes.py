@@ -379,7 +379,7 @@ class _Series:
 #: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
 _SLOW = 0.1
 #: Quantities of these measures depend on which redundant rows were dropped, where any were.
-_OF_VALUES, _SHARED = ("error", "history"), ("lambda", "force", "moment")
+_OF_VALUES, _SHARED = ("error", "history", "trajectory"), ("lambda", "force", "moment")
 
 
 def _irregular(motion: Motion) -> str:
