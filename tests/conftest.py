@@ -1,26 +1,46 @@
 """Shared fixtures: the command line as a user runs it, and small helpers."""
 
 import csv
+import multiprocessing
 import os
 import re
 import runpy
 import signal
 import subprocess
+import sys
 import time
-from dataclasses import dataclass
 from functools import cache
+from multiprocessing import forkserver
 from pathlib import Path
+from unittest import mock
 
 # Before NumPy is imported, and as the commands have it: of several processes none is to
 # wait for threads of BLAS that others hold up.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from command_line import CommandLine
 from compiled import compile_all, is_kept
 from hypothesis import HealthCheck, settings
-from warm import SCRIPT, Warm
 
 from newmark_cli.support import processors
+
+# Processes for user code are forks of one that has imported the package: to import it anew
+# takes longer than most tests.
+multiprocessing.set_forkserver_preload(["preloaded"])
+multiprocessing.context._concrete_contexts["spawn"] = multiprocessing.get_context("forkserver")
+ensure_running = forkserver._forkserver.ensure_running
+
+
+def _with_preloaded():
+    folders = filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH")))
+    with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(folders)):
+        ensure_running()
+
+
+forkserver._forkserver.ensure_running = _with_preloaded
+# Nobody pulls the plug.
+os.fsync = lambda descriptor: None
 
 # The first example of a test may wait for the kernel to be compiled; where nobody
 # watches, the same examples are tried every time.
@@ -85,80 +105,17 @@ def pytest_xdist_auto_num_workers(config):
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_setupnodes(config):
     """Before the whole suite runs in several processes: what all of them need."""
-    if config.args_source == config.ArgsSource.TESTPATHS and not config.option.keyword:
-        if not is_kept():
-            compile_all()
-        config.warm = Warm()
-        config.add_cleanup(config.warm.close)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_configure_node(node):
-    """Tell a worker of what was started for all of them."""
-    if warm := getattr(node.config, "warm", None):
-        node.workerinput["warm"] = warm.address
-
-
-#: What schedulers and workers of dask import, and runs on them.
-DASK = ("distributed", "distributed.cli.dask_scheduler", "distributed.cli.dask_worker")
-
-
-@dataclass
-class CommandLine:
-    """Runs newmark-study in a folder of its own."""
-
-    folder: Path
-    warm: Warm
-
-    def __call__(self, *arguments, code=0):
-        """Run it, assert the exit code, and return what it printed."""
-        done = self.warm.run([*map(str, arguments)], self.folder)
-        assert done.returncode == code, f"exit {done.returncode}\n{done.stdout}\n{done.stderr}"
-        return done
-
-    def start(self, *arguments, **options):
-        """Start it, and do not wait for it; the options are those of `Warm.start`."""
-        return self.warm.start([SCRIPT, *arguments], self.folder, **options)
-
-    def start_cold(self, *arguments, **options):
-        """Start it in a process that imports all for itself, and do not wait for it."""
-        return subprocess.Popen(
-            [SCRIPT, *map(str, arguments)], cwd=self.folder, text=True,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options,
-        )  # fmt: skip
-
-    def refused(self, *arguments):
-        """Run it, assert that it refuses in one line with exit code 2; return the line."""
-        done = self(*arguments, code=2)
-        lines = done.stderr.splitlines()
-        assert len(lines) == 1, done.stderr
-        assert lines[0].startswith("newmark-study: ")
-        assert done.stdout == ""
-        return lines[0]
-
-    def write(self, name, text):
-        """Write a file in the folder."""
-        path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        return path
-
-
-@pytest.fixture(scope="session")
-def warm(request):
-    """What runs the command line."""
-    running = Warm(getattr(request.config, "workerinput", {}).get("warm"))
-    yield running
-    running.close()
+    whole = config.args_source == config.ArgsSource.TESTPATHS and not config.option.keyword
+    if whole and not is_kept():
+        compile_all()
 
 
 @pytest.fixture
-def scheduler(tmp_path, warm, request):
+def scheduler(tmp_path, request):
     """A scheduler on loopback, its address, and a function that starts workers.
 
     The parameter is how long it waits for workers.
     """
-    warm.imports(*DASK)
     patience = getattr(request, "param", "120s")
     environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
     # Elsewhere, so that nothing is found by its path.
@@ -167,17 +124,14 @@ def scheduler(tmp_path, warm, request):
     processes = []
 
     def start(*arguments, script=None, **added):
-        command = [script or SCRIPT.with_name("dask"), *arguments]
-        if added:  # what libraries read as they start
-            processes.append(
-                subprocess.Popen(
-                    command, cwd=away, env=environment | added, text=True,
-                    stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-                )
-            )  # fmt: skip
-        else:
-            with open(os.devnull, "wb") as nowhere:
-                processes.append(warm.start(command, away, nowhere.fileno(), env=environment))
+        code = [script] if script else ["-m", "dask"]
+        command = [sys.executable, *code, *arguments]
+        processes.append(
+            subprocess.Popen(
+                command, cwd=away, env=environment | added, text=True,
+                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            )
+        )  # fmt: skip
         return processes[-1]
 
     main = start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
@@ -205,10 +159,18 @@ def scheduler(tmp_path, warm, request):
             process.stderr.close()
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _timed_once():
+    """No test looks at how long a march takes."""
+    from newmark_cli.study import compute
+
+    compute._MEASURED = 1e-9
+
+
 @pytest.fixture
-def cli(tmp_path, warm):
+def cli(tmp_path):
     """The command line in an empty folder."""
-    return CommandLine(tmp_path, warm)
+    return CommandLine(tmp_path)
 
 
 QUICK = """\

@@ -4,8 +4,8 @@ import os
 import subprocess
 
 import pytest
+from command_line import SCRIPT
 from each import each
-from warm import SCRIPT
 
 #: Most memory beyond that of a small config (bytes).
 MOST = 300e6

@@ -9,9 +9,9 @@ import sys
 
 import click
 import pytest
-from conftest import QUICK, CommandLine, rows_in
+from command_line import SCRIPT, CommandLine
+from conftest import QUICK, rows_in
 from each import each
-from warm import SCRIPT
 
 from newmark_cli import __version__
 from newmark_cli.cli.commands import cli as command_line
@@ -22,18 +22,18 @@ COMMANDS = tuple(command_line.commands)
 
 
 @pytest.fixture(scope="module")
-def quick_results(tmp_path_factory, warm):
+def quick_results(tmp_path_factory):
     """Results of the small study."""
-    cli = CommandLine(tmp_path_factory.mktemp("quick"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("quick"))
     cli.write("quick.yaml", QUICK)
     cli("run", "quick.yaml")
     return cli.folder / "results"
 
 
 @pytest.fixture(scope="module")
-def pendulum_results(tmp_path_factory, warm):
+def pendulum_results(tmp_path_factory):
     """Results of `pendulum-u`, with a figure."""
-    cli = CommandLine(tmp_path_factory.mktemp("pendulum"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("pendulum"))
     cli("run", "pendulum-u")
     cli.write("results/figures/figure-1.png", "drawn before")
     return cli.folder / "results"
@@ -352,7 +352,7 @@ def test_nothing_is_drawn_when_a_csv_is_bad(cli, pendulum_results):
 
 
 def test_commands_from_cold(cli):
-    """A process that imports all for itself prints and writes what a forked one does.
+    """A process of its own prints and writes what a call of `main` does.
 
     Whatever --jobs is and in whatever order sets are; progress is quiet in a pipe.
     """

@@ -12,10 +12,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from command_line import CommandLine
 from conftest import (
-    DASK,
     SWING,
-    CommandLine,
     require_failed_alone,
     require_interrupts_taken,
     wait_for_cells,
@@ -25,6 +24,7 @@ from conftest import (
 import newmark_cli
 
 pytest.importorskip("distributed")
+import dask
 
 STUDY = """\
 study: spread
@@ -41,16 +41,10 @@ gravity: [0, -9.81]
 """
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _warm_dask(warm):
-    """Commands need not import it."""
-    warm.imports(*DASK)
-
-
 @pytest.fixture(scope="module")
-def threaded(tmp_path_factory, warm):
+def threaded(tmp_path_factory):
     """The study's CSV from threads."""
-    cli = CommandLine(tmp_path_factory.mktemp("threads"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("threads"))
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
     cli("run", "spread.yaml")
@@ -116,13 +110,13 @@ def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
     assert (cli.folder / "dask/spread.csv").read_bytes() == study
 
 
-def test_no_scheduler(cli, monkeypatch):
-    monkeypatch.setenv("DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT", "500ms")
+def test_no_scheduler(cli):
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
-    done = cli(
-        "run", "spread.yaml", "--executor", "dask", "--scheduler", "tcp://127.0.0.1:9", code=1
-    )
+    with dask.config.set({"distributed.comm.timeouts.connect": "500ms"}):
+        done = cli(
+            "run", "spread.yaml", "--executor", "dask", "--scheduler", "tcp://127.0.0.1:9", code=1
+        )
     (line,) = done.stderr.splitlines()
     assert "no dask scheduler at tcp://127.0.0.1:9" in line
 
@@ -253,12 +247,9 @@ def test_nobody_else_gets_in(cli, study):
         with contextlib.suppress(OSError):
             dashboard.bind(("127.0.0.1", 8787))
             dashboard.listen()
-        run = cli.warm.start(
-            [script, "run", "spread.yaml", "--executor", "dask", "--jobs", "1"], cli.folder
-        )
-        output, errors = run.communicate(timeout=120)
-    assert errors == ""
-    *tried, summary = output.splitlines()
+        run = cli.python(script, "run", "spread.yaml", "--executor", "dask", "--jobs", 1)
+    assert run.stderr == ""
+    *tried, summary = run.stdout.splitlines()
     assert [line.split()[0] for line in tried] == ["refused"] * 3 + ["let"]
     assert summary == "spread: 24 ok -> results/spread.csv"
     assert (cli.folder / "results/spread.csv").read_bytes() == study
@@ -315,7 +306,7 @@ def test_nothing_of_others_is_imported(cli, temporary):
     cli.write("own/problem.py", LOOKS_AROUND)
     cli.write("own.yaml", OWN)
     options = ("--allow-code", "--executor", "dask", "--jobs", 1)
-    output, errors = cli.start_cold("run", "own.yaml", *options).communicate(timeout=120)
+    output, errors = cli.start("run", "own.yaml", *options).communicate(timeout=120)
     assert [*cli.folder.rglob("*.ran")] == []
     assert (output, errors) == ("own: 1 ok -> results/own.csv\n", "")
     seen = [json.loads(line) for line in (cli.folder / "seen").read_text().splitlines()]

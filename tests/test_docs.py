@@ -11,7 +11,6 @@ import click
 import pytest
 import yaml
 from pages import ROOT, blocks, commands, inline, pages
-from warm import QUICKER, SCRIPT
 
 import newmark_cli as newmark
 from newmark_cli.cli.commands import cli as group
@@ -128,15 +127,12 @@ class Reader:
                 script = ROOT / rest[0]
                 assert script.is_file(), rest[0]
                 if script.is_relative_to(DOCS):
-                    done = self.cli.warm.run(rest[1:], self.cli.folder, script)
+                    done = self.cli.python(script, *rest[1:])
                     assert done.returncode == 0, done.stderr
                 continue
             assert program == "newmark-study", command
-            script = SCRIPT
-            if rest[0] in ("advise", "draw", "plot", "report") or "--timed" in rest:
-                assert rest[0] != "advise" or not command.shown, command
-                script = QUICKER
-            done = self.cli.warm.run(rest, self.cli.folder, script)
+            assert rest[0] != "advise" or not command.shown, command
+            done = self.cli.run(*rest)
             printed = re.sub(r" \(\d+ cached\)", "", done.stdout + done.stderr)
             refused = bool(command.shown) and command.shown[0].startswith("newmark-study: ")
             codes = (0, 1) if command.may_fail else (2 if refused else 0,)

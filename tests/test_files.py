@@ -32,7 +32,7 @@ def outside(tmp_path):
 
 def ended(cli, *words):
     """Run a command, whatever its exit code; it answers in at most a line."""
-    done = cli.warm.run([*words], cli.folder)
+    done = cli.run(*words)
     assert "Traceback" not in done.stderr, (words, done.stderr)
     assert done.stderr.count("\n") <= 1, (words, done.stderr)
     return done

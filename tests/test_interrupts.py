@@ -9,9 +9,9 @@ import threading
 import time
 
 import pytest
+from command_line import SCRIPT
 from conftest import ENDINGS, LONG, require_ended, wait_for_cells, wait_until, write_swings
 from each import each
-from warm import SCRIPT
 
 from newmark_cli.support import interrupts
 
@@ -143,7 +143,12 @@ def test_ignored_signals_stay_ignored(cli):
     """Under nohup, or in the background of a script, only SIGTERM ends a run."""
     write_swings(cli, "hang")
     ignored = (signal.SIGINT, signal.SIGHUP)
-    run = cli.start("run", "swings.yaml", "--allow-code", ignored=ignored)
+
+    def ignore():
+        for number in ignored:
+            signal.signal(number, signal.SIG_IGN)
+
+    run = cli.start("run", "swings.yaml", "--allow-code", preexec_fn=ignore)
     wait_until((cli.folder / "hangs").exists)
     for number in ignored:
         run.send_signal(number)

@@ -4,7 +4,8 @@ import csv
 import os
 
 import pytest
-from conftest import SWING, CommandLine
+from command_line import CommandLine
+from conftest import SWING
 
 from newmark_cli.mechanisms.spec import PythonFactory, pinned, portable, with_problem
 
@@ -55,7 +56,7 @@ def test_harm_stays_in_its_problem(cli, tmp_path_factory):
 
     Results and files that are named by relative paths are where they were.
     """
-    clean = CommandLine(tmp_path_factory.mktemp("clean"), cli.warm)
+    clean = CommandLine(tmp_path_factory.mktemp("clean"))
     write_problem(clean, "bad")
     write_study(clean, "bad")
     clean("run", "mixed.yaml", "--allow-code")

@@ -6,8 +6,8 @@ import subprocess
 import sys
 from unittest import mock
 
+from command_line import SCRIPT
 from each import each
-from warm import SCRIPT
 
 LINE = re.compile(
     r"newmark-study: internal error: (.*); please report this, with the lines above\n"
@@ -38,7 +38,7 @@ def broken(cli, code, *arguments, **variables):
     script = cli.write("broken.py", SCRIPT_OF_BROKEN)
     variables = {"CODE": code} | variables
     with mock.patch.dict(os.environ, variables):
-        return cli.warm.run(["orders", *arguments], cli.folder, script)
+        return cli.python(script, "orders", *arguments)
 
 
 @each(

@@ -299,7 +299,7 @@ for delay in (0.05, 0.21):
 
 def test_an_interrupt_leaves_a_usable_trajectory(cli):
     """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
-    done = cli.warm.run([], cli.folder, cli.write("interrupted.py", INTERRUPTED))
+    done = cli.python(cli.write("interrupted.py", INTERRUPTED))
     assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
 
 
@@ -575,8 +575,7 @@ for steps, every in ((750_000, 1000), (200_000, 1)):
 
 def test_memory_does_not_grow_with_the_steps(cli):
     """Eight bytes for each of 750,000 steps would be 6 MB; all of 200,000 take 30."""
-    told, _ = cli.warm.start([cli.write("march.py", MEMORY)], cli.folder).communicate(timeout=100)
-    thinned, whole = told.splitlines()
+    thinned, whole = cli.python(cli.write("march.py", MEMORY)).stdout.splitlines()
     *facts, grown = thinned.split()
     assert facts == ["750000", "751", "ok"]
     assert float(grown) < 3

@@ -2,7 +2,8 @@
 
 import pandas as pd
 import pytest
-from conftest import CommandLine, rows_in
+from command_line import CommandLine
+from conftest import rows_in
 from each import each
 
 import newmark_cli as newmark
@@ -32,9 +33,9 @@ def frame():
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory, warm):
+def ran(tmp_path_factory):
     """Where the command line has run it."""
-    cli = CommandLine(tmp_path_factory.mktemp("swing"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("swing"))
     cli.write("swing.yaml", YAML)
     cli("run", "swing.yaml")
     return cli

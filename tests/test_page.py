@@ -201,7 +201,7 @@ def test_refusals(cli, folder):
     assert not (cli.folder / "results").exists()
     cli.write("absent/jinja2.py", "raise ModuleNotFoundError('jinja2')")
     environment = {**os.environ, "PYTHONPATH": str(cli.folder / "absent")}
-    process = cli.start_cold("report", "--results", folder, env=environment)
+    process = cli.start("report", "--results", folder, env=environment)
     printed, told = process.communicate(timeout=60)
     assert (process.returncode, printed) == (2, "")
     assert "newmark-study[report]" in told

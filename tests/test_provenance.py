@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from conftest import QUICK, CommandLine
+from command_line import CommandLine
+from conftest import QUICK
 
 import newmark_cli
 from newmark_cli.report.reading import records
@@ -31,9 +32,9 @@ measure: [correction, trajectory]
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory, warm):
+def ran(tmp_path_factory):
     """Results of a small study and of one with a time series."""
-    cli = CommandLine(tmp_path_factory.mktemp("ran"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("ran"))
     cli.write("quick.yaml", QUICK)
     cli.write("series.yaml", HISTORY)
     cli("run", "quick.yaml", "series.yaml")

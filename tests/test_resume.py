@@ -132,9 +132,9 @@ def test_damaged_cells_are_computed_again(cli, quick):
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory, warm):
+def whole(tmp_path_factory):
     """The CSV of the long study from a run that nothing has interrupted, on one thread."""
-    cli = CommandLine(tmp_path_factory.mktemp("whole"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("whole"))
     cli.write("long.yaml", LONG)
     cli("run", "long.yaml", "--jobs", 1)
     return csv(cli.folder / "results", "long")

@@ -86,7 +86,7 @@ COMMANDS = (
 def test_no_command_prints_control_characters(cli, hostile):
     """Neither on stdout nor on stderr, in a pipe or on a terminal; nor a forged line."""
     for command in COMMANDS:
-        done = cli.warm.run([*command], cli.folder)
+        done = cli.run(*command)
         for printed in (done.stdout, done.stderr):
             assert visible_lines(printed) == printed, command
             assert "fake.csv: ok" not in printed.split("\n"), command

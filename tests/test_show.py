@@ -1,5 +1,6 @@
 """`show`, and how tables fit a terminal: values as in the CSV, nothing lost, colour for people."""
 
+import contextlib
 import csv
 import fcntl
 import json
@@ -9,6 +10,8 @@ import pty
 import re
 import struct
 import termios
+import threading
+from unittest import mock
 
 import pytest
 import synthetic
@@ -269,23 +272,21 @@ def on_a_terminal(cli, *arguments, columns=100, stream="stdout", **environment):
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
     given = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "NO_COLOR", "TERM")}
-    with open(os.devnull, "wb") as nowhere:
-        streams = dict.fromkeys(("stdout", "stderr"), nowhere.fileno()) | {stream: theirs}
-        given |= {"TERM": "xterm-256color"} | environment
-        process = cli.start(*arguments, **streams, env=given)
-    os.close(theirs)
-    found = b""
-    while True:
-        try:
-            part = os.read(ours, 65536)
-        except OSError:  # the other end is closed
-            break
-        if not part:
-            break
-        found += part
+    given |= {"TERM": "xterm-256color"} | environment
+    found = []
+
+    def read():
+        with contextlib.suppress(OSError):  # the other end is closed
+            while part := os.read(ours, 65536):
+                found.append(part)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    with mock.patch.dict(os.environ, given, clear=True), os.fdopen(theirs, "w") as terminal:
+        cli.run(*arguments, **{stream: terminal})
+    reader.join()
     os.close(ours)
-    process.wait()
-    return found.decode().replace("\r\n", "\n")
+    return b"".join(found).decode().replace("\r\n", "\n")
 
 
 def test_colour_on_a_terminal(cli):

@@ -5,8 +5,8 @@ import json
 import os
 import subprocess
 
+from command_line import SCRIPT
 from each import each
-from warm import SCRIPT
 
 A = """\
 study: a

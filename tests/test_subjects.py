@@ -3,8 +3,8 @@
 import examples
 import numpy as np
 import pytest
+from command_line import invoke
 from each import each
-from warm import QUICKER, SCRIPT
 
 PLANAR = """\
 points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 2}}
@@ -54,13 +54,13 @@ COMMANDS = (
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, warm):
+def folder(tmp_path_factory):
     """A folder with all of them, and with results of a study."""
     folder = tmp_path_factory.mktemp("subjects")
     for name, text in FILES.items():
         (folder / name).write_text(text)
     np.savez(folder / "matrices.npz", M=np.eye(2), G=[[1.0], [0.0]], X=np.eye(2), Y=np.eye(2))
-    assert warm.run(["run", "study.yaml"], folder).returncode == 0
+    assert invoke(["run", "study.yaml"], folder).returncode == 0
     return folder
 
 
@@ -73,13 +73,13 @@ TRIED = [
 ]
 
 
+@pytest.mark.usefixtures("few_draws")
 @each("words, subject, works", TRIED)
-def test_commands_work_or_say_why_not(folder, warm, words, subject, works):
+def test_commands_work_or_say_why_not(folder, words, subject, works):
     """Exit code 0 and something printed, or 2 and one line on stderr."""
     command = words.split()
     code = ["--allow-code"] if command[0] in CODE else []
-    script = QUICKER if command[0] == "advise" else SCRIPT
-    require(warm.run([*command, subject, *code], folder, script), works)
+    require(invoke([*command, subject, *code], folder), works)
 
 
 @each("problem, works", [
@@ -87,7 +87,7 @@ def test_commands_work_or_say_why_not(folder, warm, words, subject, works):
     ("{chain: {links: 3}}", True),
     *((problem, False) for problem in STUDIES + SUBJECTS[-4:]),
 ])  # fmt: skip
-def test_studies_of_every_kind_of_problem(folder, warm, problem, works):
+def test_studies_of_every_kind_of_problem(folder, problem, works):
     """The same of `validate` and `run` where a study names the subject.
 
     Those in Python are in `test_own_problems` and `test_python_forces`.
@@ -95,7 +95,7 @@ def test_studies_of_every_kind_of_problem(folder, warm, problem, works):
     text = f"study: other\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"
     (folder / "other.yaml").write_text(text + "h: 1e-2\nt_end: 0.02\n")
     for command in (["validate"], ["run", "--results", "others"]):
-        require(warm.run([*command, "other.yaml", "--allow-code"], folder), works)
+        require(invoke([*command, "other.yaml", "--allow-code"], folder), works)
 
 
 def require(done, works):

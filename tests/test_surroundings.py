@@ -10,8 +10,8 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
-from conftest import QUICK, SWING, CommandLine
-from warm import SCRIPT
+from command_line import SCRIPT, CommandLine
+from conftest import QUICK, SWING
 
 from newmark_cli.cli import main
 from newmark_cli.study import provenance
@@ -132,9 +132,9 @@ DRAWING = (("draw", "four-bar"), ("plot", "quick", "--measure", "condition"))
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory, warm):
+def plain(tmp_path_factory):
     """A study's results, and figures that nobody's settings have touched."""
-    cli = CommandLine(tmp_path_factory.mktemp("plain"), warm)
+    cli = CommandLine(tmp_path_factory.mktemp("plain"))
     cli.write("quick.yaml", QUICK)
     cli("run", "quick.yaml")
     for command in DRAWING:
