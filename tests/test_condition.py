@@ -1,12 +1,9 @@
 """Condition numbers against mpmath with 60 digits."""
 
 import itertools
-from types import SimpleNamespace
 
-import numpy as np
 import oracles
 import pytest
-from each import each
 from marching import scheme_of, start
 from mpmath import mp
 
@@ -14,7 +11,6 @@ from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.scaling import PAPER_VARIANTS
-from newmark_cli.problems.problem import Pattern, Values
 
 H = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
@@ -62,24 +58,3 @@ def test_condition_numbers(reference, cases):
             if not abs(found / exact - 1) < 1e-9:
                 wrong[form, variant, h] = found, exact
     assert not wrong
-
-
-@each("variant", PAPER_VARIANTS)
-@each("form", FORMS)
-def test_assembled_jacobian(form, variant):
-    """Every entry of J̄ for X, Y, M, G in general position, against blocks written out."""
-    random = np.random.default_rng(11)
-    n, m, h = 4, 2, 0.3
-    x, y, mass = random.normal(size=(3, n, n))
-    g = random.normal(size=(n, m))
-    full, tall = np.indices((n, n)).reshape(2, -1), np.indices((n, m)).reshape(2, -1)
-    subject = SimpleNamespace(
-        n=n, m=m, pattern=Pattern(*full, *full, *full, *tall), mass_values=mass.ravel()
-    )
-    values = Values(np.zeros(n), np.zeros(m), x.ravel(), y.ravel(), g.ravel())
-    scheme = scheme_of(form, variant, h)
-    exact = oracles.scale(
-        form, variant, *oracles.form_jacobian(form, *map(mp.matrix, (x, y, mass, g)), h), h
-    )
-    found = DenseSystem(subject, scheme).matrix(values).toarray()
-    np.testing.assert_allclose(found, np.array(exact.tolist(), float), rtol=1e-13, atol=1e-14)

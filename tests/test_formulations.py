@@ -3,6 +3,7 @@
 import itertools
 from functools import cache
 
+import marching
 import numpy as np
 import pytest
 from covering import covering
@@ -10,7 +11,7 @@ from damped import damped
 from each import each
 from examples import car_axis
 from general import constraint, force, general, gradient
-from marching import EPS, Interpreted, in_python
+from marching import EPS, INTEGRATORS, Interpreted, in_python
 from mechanisms import built
 
 from newmark_cli.mechanisms.registry import problem
@@ -29,7 +30,7 @@ from newmark_cli.newmark.formulation import (
     FormulationError,
     Projection,
 )
-from newmark_cli.newmark.integrator import BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.integrator import GeneralizedAlpha, Newmark
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
@@ -57,7 +58,6 @@ PROJECTIONS = [
     "position-velocity",
     "position-velocity accelerations",
 ]
-INTEGRATORS = [Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.8), HHT(0.1), BDF2()]
 
 THROWN = """\
 points:
@@ -100,7 +100,7 @@ _OWN = {
     "car axis": lambda: car_axis(compiled=False),
 }
 #: Step sizes large enough that every block of J is seen in a correction.
-STEP = {
+STEP = marching.STEP | {
     "thrown": 0.1,
     "andrews": 1e-4,
     "slider-crank": 5e-3,
@@ -113,8 +113,8 @@ STEP = {
 }
 #: Forms in which each field is kept alone, with another, and with both.
 KEPT = ["u-lambda", "v-lambda", "a-lambda", "u-a-lambda", "u-v-a-lambda"]
-QUADRATIC = ["thrown", "andrews", "slider-crank", "quadrics"]
-OTHERS = ["driven", "general", "singular mass", "damped", "car axis"]
+QUADRATIC = ["thrown", "pendulum", "andrews", "slider-crank", "heavy-top", "quadrics"]
+OTHERS = ["driven", "shaken-pendulum", "general", "singular mass", "damped", "car axis"]
 
 
 def scheme_of(formulation, form="a-lambda", h=1e-2, integrator=None, **options):

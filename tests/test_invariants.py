@@ -4,21 +4,16 @@ import numpy as np
 import oracles
 import pytest
 from each import each
-from marching import start
 from mechanisms import TWO_BODIES, built
 from test_reference import pendulum
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
 from newmark_cli.newmark.march_data import State
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study import measures
-
-CONSERVATIVE = {
-    "pendulum", "double-pendulum", "slider-crank", "bricard", "heavy-top", "spatial-slider-crank",
-}  # fmt: skip
 
 
 def state_of(subject, u, v, multipliers, t=0.0):
@@ -37,20 +32,6 @@ def consistent(subject, u, v, t=0.0):
 def relative(subject, samples):
     """Largest relative value of each invariant."""
     return {name: abs(off).max() for name, off in measures.invariants(subject, samples).items()}
-
-
-@pytest.mark.bits("the start itself is what is tested")
-@each("name", PROBLEMS)
-def test_start_has_no_misfit(name):
-    """Every shipped problem starts on its constraints, and with all of its energy.
-
-    Torques drive Andrews' mechanism and the four-bar linkage: they have none.
-    """
-    subject = problem(name)
-    found = invariants(subject, subject.t0, start(subject))
-    assert tuple(found) == INVARIANTS[: 4 if name in CONSERVATIVE else 3]
-    for value in relative(subject, [found]).values():
-        assert value < 1e-13
 
 
 @each("t", [0.3, 3.0, 3.708, 9.5])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from each import each
-from mechanisms import built, complex_terms
+from mechanisms import built
 from pages import blocks, pages
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -67,48 +67,6 @@ project_velocities: true
 def cart():
     """A mechanism with every part that acts on angles, moving lines and laws of time."""
     return built(CART)
-
-
-def differences(function, u, v, size=1e-3):
-    """Derivative of a function along v, of fourth order."""
-    values = [function(u + k * size * v) for k in (-2, -1, 1, 2)]
-    return np.tensordot([1, -8, 8, -1], values, 1) / (12 * size)
-
-
-def test_tangents_and_rows_of_every_part(cart):
-    """X, Y, G by complex steps to 1e-10; Φ', Φ'' and their tangents by differences."""
-    random = np.random.default_rng(7)
-    n, m, pattern = cart.n, cart.m, cart.pattern
-    u = cart.u0 + 0.3 * random.normal(size=n)
-    v, w, multipliers = random.normal(size=n), random.normal(size=n), random.normal(size=m)
-    t, along = 0.7, np.zeros((n, m))
-    terms, rows = cart.evaluate(t, u, v, multipliers), cart.constraint_rows(t, u, v, w)
-
-    def of_rate(u):
-        return cart.evaluate(t, u, v, 0 * multipliers).G.T @ v + cart.constraint_rows(t, u, v, w)[0]
-
-    def of_curvature(u):
-        return cart.evaluate(t, u, v, 0 * multipliers).G.T @ w + cart.constraint_rows(t, u, v, w)[1]
-
-    for j, step in enumerate(1e-30j * np.eye(n)):
-        force, phi = complex_terms(cart, t, u + step, v, multipliers)
-        np.testing.assert_allclose(terms.X[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-13)
-        force, _ = complex_terms(cart, t, u, v + step, multipliers)
-        np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10)
-    assert np.abs(terms.Y).max() > 0.1
-    for values, function in ((rows.r, of_rate), (rows.q, of_curvature)):
-        along[:] = 0
-        np.add.at(along, (pattern.g_rows, pattern.g_columns), values)
-        expected = [differences(function, u, step) for step in np.eye(n)]
-        np.testing.assert_allclose(along, expected, rtol=0, atol=1e-9)
-    phi = np.array([cart.constraint_values(t + k * 1e-3, u + k * 1e-3 * v) for k in range(-3, 4)])
-    np.testing.assert_allclose(
-        terms.G.T @ v + rows.rate, np.array([-1, 9, -45, 0, 45, -9, 1]) @ phi / 0.06, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        rows.curvature, np.array([2, -27, 270, -490, 270, -27, 2]) @ phi / 180e-6, atol=1e-6
-    )
 
 
 def test_starts_as_given(cart):

@@ -9,7 +9,7 @@ import pytest
 from each import each
 from hypothesis import given
 from hypothesis import strategies as st
-from mechanisms import built, complex_terms
+from mechanisms import built
 from mpmath import mp
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
@@ -82,25 +82,6 @@ def everything():
     return mechanisms.everything()
 
 
-@given(st.integers(0, 2**32 - 1), st.floats(-2, 2))
-def test_tangents_with_every_element(everything, seed, t):
-    """X, Y, G of all elements together, at random states and times, by complex steps."""
-    random = np.random.default_rng(seed)
-    u = everything.u0 + 0.2 * random.normal(size=everything.n)
-    v, multipliers = random.normal(size=everything.n), random.normal(size=everything.m)
-    terms = everything.evaluate(t, u, v, multipliers)
-    for j in range(everything.n):
-        step = np.zeros(everything.n, complex)
-        step[j] = 1e-30j
-        force, phi = complex_terms(everything, t, u + step, v, multipliers)
-        size = np.abs(terms.X).max()
-        np.testing.assert_allclose(terms.X[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
-        np.testing.assert_allclose(terms.G[j], phi.imag / 1e-30, rtol=0, atol=1e-13)
-        force, _ = complex_terms(everything, t, u, v + step, multipliers)
-        size = np.abs(terms.Y).max()
-        np.testing.assert_allclose(terms.Y[:, j], -force.imag / 1e-30, rtol=0, atol=1e-10 * size)
-
-
 def test_projected_velocities_fit(everything):
     """They meet Φ' = 0, with the crank at its rate, and are the nearest to the given ones."""
     u, v = everything.u0, everything.v0
@@ -122,22 +103,6 @@ def test_assembled_positions_meet_the_constraints():
     guess = [c for p in subject.drawing.points.values() for c in p.at or ()]
     assert np.abs(subject.u0 - guess).max() > 1e-4
     np.testing.assert_allclose(subject.constraint_values(0.0, subject.u0), 0, atol=1e-16)
-
-
-@each("name", PROBLEMS)
-def test_starts_are_consistent(name):
-    """Φ, Φ' and Φ'' vanish at the start of every shipped problem."""
-    subject = problem(name)
-    a, multipliers = Index1(subject).accelerations(subject.t0, subject.u0, subject.v0)
-    terms = subject.evaluate(subject.t0, subject.u0, subject.v0, multipliers)
-    rate, curvature = subject.constraint_derivatives(subject.t0, subject.u0, subject.v0)
-    size = np.abs(subject.u0).max()
-    np.testing.assert_allclose(terms.phi, 0, atol=1e-15 * size**2)
-    np.testing.assert_allclose(terms.G.T @ subject.v0 + rate, 0, atol=1e-13)
-    acceleration = terms.G.T @ a
-    np.testing.assert_allclose(acceleration, -curvature, atol=1e-13 * np.abs(a).max())
-    residual = subject.M @ a - terms.force
-    np.testing.assert_allclose(residual, 0, atol=1e-12 * max(np.abs(terms.force).max(), 1))
 
 
 RECTANGLE = """\

@@ -4,15 +4,13 @@ import numpy as np
 from covering import covering
 from damped import damped
 from each import each
-from marching import in_motion, in_system, scheme_of
+from marching import in_motion, scheme_of
 
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import march_data
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
-from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scaling import VARIANTS
 
 CHAIN = Sized("chain", (("links", 6),))
@@ -62,21 +60,3 @@ def test_condition_estimate(name, form, variant, h):
     found = system.balanced(0.0, state).condition()
     assert exact / 3 <= found <= exact * (1 + 1e-9)
     assert system.balanced(0.0, state).condition() == found
-
-
-def test_singular_and_infinite_matrices_end_the_march():
-    """A status, not a traceback, as with a dense matrix."""
-    subject, scheme = SUBJECTS["pendulum"], scheme_of("u-lambda", "none", 0.1)
-    system = SparseSystem(subject, scheme)
-    norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    still = march_data.State(
-        *(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1, 2, 3))
-    )
-    engine = in_system(subject, scheme, system)
-    ending = engine.march(still, 0, norms, iterations)
-    assert ending == (march_data.SINGULAR, 0)
-    state = initial_state(subject, scheme)
-    state.past[1] = 1e200
-    with np.errstate(all="ignore"):
-        ending = engine.march(state, 0, norms, iterations)
-    assert ending == (march_data.DIVERGED, 0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from each import each
-from mechanisms import built, complex_terms
+from mechanisms import built
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
@@ -53,27 +53,6 @@ project_velocities: true
 def bodies():
     """Three bodies, pushed, turned and driven by laws of time."""
     return built(BODIES)
-
-
-def test_tangents_with_laws(bodies):
-    """X, Y, G by complex steps, Φ' and Φ'' by differences, away from the constraints."""
-    random = np.random.default_rng(3)
-    n, m, t = bodies.n, bodies.m, 0.7
-    u = bodies.u0 + 0.1 * random.normal(size=n)
-    v, multipliers = random.normal(size=n), random.normal(size=m)
-    terms, rows = bodies.evaluate(t, u, v, multipliers), bodies.constraint_rows(t, u, v, 0 * v)
-    steps = 1e-30j * np.eye(n)
-    x = np.stack(
-        [-complex_terms(bodies, t, u + step, v, multipliers)[0].imag / 1e-30 for step in steps], 1
-    )
-    np.testing.assert_allclose(terms.X, x, rtol=0, atol=1e-10 * np.abs(x).max())
-    phi = np.array([bodies.constraint_values(t + k * 1e-3, u + k * 1e-3 * v) for k in range(-3, 4)])
-    np.testing.assert_allclose(
-        terms.G.T @ v + rows.rate, np.array([-1, 9, -45, 0, 45, -9, 1]) @ phi / 0.06, atol=1e-9
-    )
-    np.testing.assert_allclose(
-        rows.curvature, np.array([2, -27, 270, -490, 270, -27, 2]) @ phi / 180e-6, atol=1e-6
-    )
 
 
 def test_motions_and_reactions_of_laws(bodies):

@@ -376,17 +376,3 @@ def test_no_order_of_a_singular_matrix():
     assert order_by_size(np.ones((3, 3)), rows, columns) is None
     found = order_by_size(np.array([[0.0, 1, 0], [1, 0, 0], [0, 1, 1]]), rows, columns)
     assert sorted(zip(*map(np.ndarray.tolist, found), strict=True)) == [(0, 1), (1, 0), (2, 2)]
-
-
-# -- code made for a pattern ------------------------------------------------------------------
-
-
-def test_states_that_are_not_finite_end_as_with_pivoting():
-    """A march that overflows has diverged, whoever eliminates."""
-    subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 1e-2)
-    for solver in (STATIC, DENSE):
-        march_ = March(subject, scheme, solver)
-        march_.state.past[1] = 1e200
-        with np.errstate(all="ignore"):
-            march_.advance(3)
-        assert (march_.ending, march_.done) == (2, 0)
