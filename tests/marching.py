@@ -37,15 +37,6 @@ INTEGRATORS = [
 ]  # fmt: skip
 
 
-def one_ulp_apart(subject, count):
-    """A problem, and others whose u₀ and v₀ differ from its by the last place: the same motion."""
-    signs = np.random.default_rng(1).choice([-1.0, 1.0], (count - 1, 2, subject.n))
-    return [subject] + [
-        replace(subject, u0=subject.u0 * (1 + EPS * u), v0=subject.v0 * (1 + EPS * v))
-        for u, v in signs
-    ]
-
-
 #: The last that was needed: it holds nothing of a state, and making it takes longer than a step.
 _engine = None
 
