@@ -1,44 +1,42 @@
 """Unexpected errors end in a traceback, one line, and an exit code of their own."""
 
+import logging
 import os
 import re
 import subprocess
 import sys
+import tempfile
 from unittest import mock
 
 from command_line import SCRIPT
 from each import each
 
+from newmark_cli.report.tables import theory
+
 LINE = re.compile(
     r"newmark-study: internal error: (.*); please report this, with the lines above\n"
 )
 
-#: The command line, where a function does something else first.
-SCRIPT_OF_BROKEN = """
-import os
-from newmark_cli.console import main
-from newmark_cli.report.tables import theory
-
-kept = theory.predict
 
 def deep():
     deep()
 
-def broken(*args, **options):
-    exec(os.environ["CODE"])
-    return kept(*args, **options)
-
-theory.predict = broken
-main()
-"""
-
 
 def broken(cli, code, *arguments, **variables):
-    """Run `orders` with one of its functions broken, in a process that has imported them."""
-    script = cli.write("broken.py", SCRIPT_OF_BROKEN)
-    variables = {"CODE": code} | variables
-    with mock.patch.dict(os.environ, variables):
-        return cli.python(script, "orders", *arguments)
+    """Run `orders`, where one of its functions does something else first."""
+    kept = theory.predict
+
+    def predict(*given, **options):
+        exec(code, {"__name__": "broken", "deep": deep})
+        return kept(*given, **options)
+
+    with (
+        mock.patch.dict(os.environ, variables),
+        mock.patch.object(tempfile, "tempdir", str(cli.folder)),
+        mock.patch.object(theory, "predict", predict),
+        mock.patch.object(logging.getLogger(), "handlers", []),  # those of pytest
+    ):
+        return cli.run("orders", *arguments)
 
 
 @each(
