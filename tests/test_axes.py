@@ -1,10 +1,13 @@
 """One declaration of what tells cells, rows and series apart."""
 
 import json
+import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
+import command_line
 import pytest
 from conftest import QUICK, rows_in
 from each import each
@@ -85,17 +88,13 @@ def test_a_series_at_the_start_is_another():
     assert run == axes.SeriesKey.of(row | {"steps": 30, "evaluation": "direct", "row_block": ""})
 
 
-#: Runs commands with files of the package changed, and everything else as it is; each in
-#: a fork of the process that has imported that.
+#: Runs commands with files of the package changed, and prints what each printed.
 CHANGED = """\
-import gc
 import importlib.util
 import json
-import os
 import sys
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # a fork wants no threads of BLAS
-changes, commands, others = json.loads(sys.argv[1])
+changes, commands = json.loads(sys.argv[1])
 for name, old, new in changes:
     spec = importlib.util.find_spec(name)
     source = open(spec.origin).read()
@@ -106,38 +105,15 @@ for name, old, new in changes:
     exec(compile(source.replace(old, new), spec.origin, "exec"), module.__dict__)
     parent, _, child = name.rpartition(".")
     setattr(sys.modules[parent], child, module)
-for other in others:
-    importlib.import_module(f"newmark_cli.{other}")
-from newmark_cli import march
-from newmark_cli.cli import main
+from command_line import invoke
 
-march("pendulum", h=1e-2, steps=1)  # loads the kernel
-gc.freeze()  # a collection in a fork would copy every page
-for number, arguments in enumerate(commands):
-    if os.fork() == 0:
-        for stream, kind in ((1, "out"), (2, "err")):
-            os.dup2(os.open(f"{number}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
-        try:
-            main(arguments)
-            code = 0
-        except SystemExit as ending:
-            code = ending.code or 0
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)  # and taking the modules apart would take as long as the command
-    _, status = os.wait()
-    if status:
-        sys.exit(open(f"{number}.err").read() or "failed")
+printed = []
+for arguments in commands:
+    done = invoke(arguments, ".")
+    assert done.returncode == 0, done.stderr
+    printed.append([done.stdout, done.stderr])
+print(json.dumps(printed))
 """
-
-#: What the commands below import.
-IMPORTED = (
-    "cli.commands",
-    "newmark.engine",
-    "report.tables.check",
-    "running.runner",
-    "study.compute",
-)
 
 #: A new axis: how often a cell is repeated.  This field is the whole of it.
 REPEAT = (
@@ -227,16 +203,13 @@ def changed(tmp_path_factory, committed_folder):
         "measure, check": ("check", "--json", *at),
         "measure, all": ("check", "--all", *at),
     }
-    asked = json.dumps([[REPEAT, SPEED, SPREAD], [*commands.values()], IMPORTED])
+    asked = json.dumps([[REPEAT, SPEED, SPREAD], [*commands.values()]])
     done = subprocess.run(
-        [sys.executable, "-c", CHANGED, asked], cwd=folder, capture_output=True, text=True
-    )
+        [sys.executable, "-c", CHANGED, asked], cwd=folder, capture_output=True, text=True,
+        env=os.environ | {"PYTHONPATH": str(Path(command_line.__file__).parent)},
+    )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    printed = {
-        name: [(folder / f"{number}.{kind}").read_text() for kind in ("out", "err")]
-        for number, name in enumerate(commands)
-    }
-    return folder, printed
+    return folder, dict(zip(commands, json.loads(done.stdout), strict=True))
 
 
 def test_a_new_axis_touches_one_file(cli, changed):
