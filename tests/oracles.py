@@ -5,9 +5,11 @@ package reads the same data from a YAML file and assembles element by element.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from mpmath import cos, matrix, mp, mpf, sin, sqrt
+from scipy.integrate import solve_ivp
 
 DIGITS = 60
 
@@ -329,3 +331,24 @@ def constraint_rows(phi, t, u, v, w):
             second.append([a + b for a, b in zip(straight, curved, strict=True)])
         found = rate, combined(bent, step**2), first, second
         return [np.array(part, float).T for part in found]
+
+
+#: A pendulum that begins to swing downwards, with 1 m/s.
+THROWN = {
+    "points": {"O": {"fixed": (0, 0)}, "P": {"at": (1, 0), "velocity": (0, -1), "mass": 1}},
+    "bars": {"rod": {"from": "O", "to": "P", "length": 1}},
+    "gravity": (0, -9.81),
+}
+
+
+@cache
+def _thrown():
+    return solve_ivp(
+        lambda t, y: [y[1], -9.81 * np.cos(y[0])], (0, 1.5), [0, -1], method="DOP853",
+        rtol=1e-13, atol=1e-14, dense_output=True, max_step=0.01,
+    ).sol  # fmt: skip
+
+
+def thrown_pendulum(t):
+    """Angle from the horizontal, and its rate, of `THROWN` at times up to 1.5 s."""
+    return _thrown()(t)

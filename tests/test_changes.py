@@ -4,25 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from each import each
-from scipy.integrate import solve_ivp
+from oracles import THROWN, thrown_pendulum
 
 import newmark_cli as newmark
-
-THROWN = {
-    "points": {"O": {"fixed": (0, 0)}, "P": {"at": (1, 0), "velocity": (0, -1), "mass": 1}},
-    "bars": {"rod": {"from": "O", "to": "P", "length": 1}},
-    "gravity": (0, -9.81),
-}
 
 
 def errors(h, sequence, **options):
     """Largest errors of v and λ after t = 0.6 of a pendulum."""
     found = newmark.march(THROWN, h=h, t_end=1.2, h_sequence=sequence, **options)
-    swing = solve_ivp(
-        lambda t, y: [y[1], -9.81 * np.cos(y[0])], (0, found.t[-1]), [0, -1], method="DOP853",
-        rtol=1e-12, atol=1e-13, t_eval=found.t,
-    )  # fmt: skip
-    angle, rate = swing.y
+    angle, rate = thrown_pendulum(found.t)
     off = np.abs(found.v - (rate * [-np.sin(angle), np.cos(angle)]).T).max(axis=1)
     multiplier = 9.81 * np.sin(angle) - rate**2
     behind = found.t > 0.6

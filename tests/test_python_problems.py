@@ -245,5 +245,8 @@ def test_compiled_functions_may_return_lists_and_tuples(tmp_path):
     compiled = python_problem.load(path, "factory", {"decorate": numba.njit}, "mine")
     assert compiled.compiled
     assert not plain.compiled
-    ours, theirs = march(compiled, 1e-2, 1.0), march(plain, 1e-2, 1.0)
-    np.testing.assert_allclose(ours.fields[:2], theirs.fields[:2], rtol=0, atol=1e-12)
+    state = np.array([0.6, 0.8]), np.array([0.4, -0.3]), np.array([2.0])
+    for ours, theirs in zip(
+        compiled.evaluate(0.1, *state), plain.evaluate(0.1, *state), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12)
