@@ -1,8 +1,5 @@
 """Mechanisms of any size: starts, motion, and what they are at their smallest."""
 
-import math
-import pickle
-
 import numpy as np
 import pytest
 from each import each
