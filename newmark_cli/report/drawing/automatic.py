@@ -32,6 +32,7 @@ from newmark_cli.study import axes
 from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION
 from newmark_cli.study.figure_keys import FigureConfig
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
+from newmark_cli.support.retired import RETIRED
 
 #: Most panels of one figure, and most series of one panel that gathers what is no grid.
 MOST_PANELS, MOST_GATHERED = 6, 7
@@ -92,7 +93,7 @@ def _usual(slopes: Iterable[Slope]) -> list[FigureConfig]:
     return [
         FigureConfig.model_validate({"measure": kind})
         for kind in order
-        if kind in every or kind == WORK_PRECISION
+        if (kind in every and kind not in RETIRED) or kind == WORK_PRECISION
     ]
 
 
