@@ -91,22 +91,16 @@ def interpreted_march(
     given = engine.arguments(state, first, counts, kept)
     functions, (of_problem, of_step), (static, dense), extra, python, _, schedule, sizes, *_ = given
     tables = of_problem._replace(ints=subject.ints), of_step
-    numbers = (
-        python.calls,
-        *given[5:],
-        kernel._allocate(*tables, dense, extra, state, schedule, sizes),
-    )
-    evaluate, derive, solve = subject.function, subject.derivatives, functions[2]
+    room = kernel._allocate(*tables, dense, extra, state, schedule, sizes, norms.shape[1])
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):
                 patch.setattr(kernel, name, function.py_func)
-        if extra is None:
-            return kernel._march_index_3(evaluate, solve, *tables, static, dense, *numbers)
-        work = kernel._allocate_constraining(
-            tables[0], dense, extra, state, numbers[-1].sources, norms.shape[1]
-        )
-        return kernel._march_formulated(evaluate, derive, *tables, dense, extra, *numbers, work)
+        solve = functions[2] if extra is None else None
+        return kernel._march(
+            subject.function, subject.derivatives, solve, *tables, static, dense, extra,
+            python.calls, *given[5:], room,
+        )  # fmt: skip
 
 
 class Interpreted:

@@ -1,5 +1,7 @@
 """The kernel's residual, its solver, and when a step ends."""
 
+from types import SimpleNamespace
+
 import numpy as np
 from each import each
 from hypothesis import given
@@ -21,9 +23,16 @@ def test_the_residual_is_that_of_the_equations(n, m, extra, seed):
     row_weights, rows = random.normal(size=(extra, 1 + extra)), random.normal(size=(extra, n))
     force, dynamics, phi = (random.normal(size=size) for size in (n, n, m))
     found = np.empty((1 + extra) * n + m)
-    kernel._assemble_residual(
-        *np.indices((n, n)).reshape(2, -1), mass.ravel(), kept, left, weights, row_weights,
-        dynamics, rows, moving, force, phi, found,
+    rows_of_mass, columns_of_mass = np.indices((n, n)).reshape(2, -1)
+    kernel._assemble_residual.py_func(
+        SimpleNamespace(
+            mass_rows=rows_of_mass, mass_columns=columns_of_mass, mass_values=mass.ravel()
+        ),
+        SimpleNamespace(
+            kept=kept, left=left, dynamic_weights=weights, row_weights=row_weights
+        ),
+        SimpleNamespace(dynamics=dynamics, rows=rows),
+        moving, force, phi[None], found,
     )  # fmt: skip
     equations = [
         mass @ (weights @ moving[kept]) + dynamics - force,

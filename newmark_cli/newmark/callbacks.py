@@ -110,17 +110,18 @@ class Callbacks:
         )
 
     @contextlib.contextmanager
-    def served(self, state: State, room: Any, work: Any) -> Iterator[None]:
+    def served(self, state: State, room: Any) -> Iterator[None]:
         """Serve the kernel once; raises what was raised in its calls.
 
         Args:
-            state, room, work: What the kernel is handed; ``work`` None for index 3.
+            state, room: What the kernel is handed.
         """
+        work = room.work
         arrays = [*state.fields, *state.past, state.multipliers, *room.values, room.iterate.g_old]
         if work is not None:
             arrays += [work.shifted, work.rate, work.curvature, work.r, work.r_old, work.q]
         self._vectors = _Vectors([] if self._problem.compiled else arrays)
-        self._room, self._work = room, work
+        self._room = room
         self._error, self.calls.raised[0] = None, 0
         # An exception of a signal's handler would be lost in compiled code.
         with interrupts.deferred() as self._calling:
@@ -178,16 +179,18 @@ class Callbacks:
     def _solve(self) -> None:
         """Solve Newton's system."""
         assert self._system_at is not None
-        room, work = self._room, self._work
+        room, work = self._room, self._room.work
         values = Values(*(np.asarray(array, float) for array in room.values))
         tangents = Tangents(work.tangents, work.directions) if work is not None else None
         system = self._system_at(self.first + int(self.calls.step[0]) + 1)
-        room.rhs[:] = system.solve(values, np.asarray(room.rhs, float), tangents)
+        rhs = room.system.rhs
+        rhs[:] = system.solve(values, np.asarray(rhs, float), tangents)
 
     def _project(self) -> None:
         """Solve the system of a projection."""
-        g, rhs = (np.asarray(array, float) for array in (self._room.values.g, self._work.rhs))
-        self._work.rhs[:] = self._index_1.solution(g, rhs)
+        rhs = self._room.work.saddle.rhs
+        g = np.asarray(self._room.values.g, float)
+        rhs[:] = self._index_1.solution(g, np.asarray(rhs, float))
 
     @cached_property
     def _index_1(self) -> Index1:

@@ -2,11 +2,10 @@
 
 Everything that tells one form, scaling or integrator from another reaches the
 kernel as numbers (`march_data.StepTables`), every problem as a compiled function and
-its tables (`march_data.ProblemTables`).  `_march_index_3` and `_march_formulated` are the
-algorithm; the functions above are their verbs, in the order in which they are needed.  In
-their shapes p is the
-number of kept fields among (u, v, a), r of kept rows among (V, K), P of past vectors,
-and N = p n + m.
+its tables (`march_data.ProblemTables`).  `_march` is the algorithm; the functions above are its
+verbs, in the order in which they are needed.  In their shapes p is the number of kept fields
+among (u, v, a), r of kept rows among (V, K), P of past vectors, k of rows of constraints, and
+N = p n + m.
 
 All of it is compiled without counting references: what the march overwrites is allocated in
 Python, before it.  With counting, a call that is handed tuples of arrays takes longer than an
@@ -14,7 +13,6 @@ iteration on a small mechanism.  Measure a change with `benchmarks/kernel.py`.
 """
 
 import threading
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,33 +42,24 @@ _compile, _part = cached_njit(**_OPTIONS), part_njit(**_OPTIONS)
 _inline = cached_njit(**_OPTIONS, inline="always")
 
 
-@cache
+def _types_of_problem(dtype, results):
+    """Numba type of a problem's function in the arithmetic of a dtype, with so many results."""
+    scalar = from_dtype(dtype)
+    vector, table = scalar[::1], scalar[:, ::1]
+    given = scalar, vector, vector, vector, types.int64[:, ::1], table
+    return types.FunctionType(types.void(*given, *[vector] * results))
+
+
 def evaluate_type(dtype):
     """Numba type of a problem's function in the arithmetic of a dtype."""
-    scalar = from_dtype(dtype)
-    vector, table = scalar[::1], scalar[:, ::1]
-    return types.FunctionType(
-        types.void(
-            scalar, vector, vector, vector, types.int64[:, ::1], table,
-            vector, vector, vector, vector, vector,
-        )
-    )  # fmt: skip
+    return _types_of_problem(dtype, 5)
 
 
-@cache
 def derivatives_type(dtype):
     """Numba type of a problem's derivatives of constraints in the arithmetic of a dtype."""
-    scalar = from_dtype(dtype)
-    vector, table = scalar[::1], scalar[:, ::1]
-    return types.FunctionType(
-        types.void(
-            scalar, vector, vector, vector, types.int64[:, ::1], table,
-            vector, vector, vector, vector,
-        )
-    )  # fmt: skip
+    return _types_of_problem(dtype, 4)
 
 
-@cache
 def solve_type(dtype):
     """Numba type of what solves the linear system, in the arithmetic of a dtype.
 
@@ -117,16 +106,17 @@ class _History(NamedTuple):
 
 
 class _System(NamedTuple):
-    """D_L J D_R, dense."""
+    """A dense linear system, (0, 0) where Python solves it."""
 
     matrix: np.ndarray  #: (N, N) until it is solved
     entries: np.ndarray  #: (N²,) the same memory as one vector
+    rhs: np.ndarray  #: (N,) overwritten with the solution
     columns: np.ndarray  #: (N,) the solver's work space
     row: np.ndarray  #: (N,) likewise
 
 
 class _Constraining(NamedTuple):
-    """Room for what a formulation adds; E entries of G, k rows, b recorded blocks."""
+    """Room for what a formulation adds; E entries of G, b recorded blocks."""
 
     rate: np.ndarray  #: (m,) Φ_t
     curvature: np.ndarray  #: (m,) κ
@@ -134,8 +124,7 @@ class _Constraining(NamedTuple):
     r_old: np.ndarray  #: (E,) the same at the beginning of the step
     q: np.ndarray  #: (E,) entries of Q
     psi: np.ndarray  #: (m,) Gᵀv + Φ_t
-    rows: np.ndarray  #: (k, m) rows of constraints
-    tangents: np.ndarray  #: (k, 3, E) theirs to u, v, a
+    tangents: np.ndarray  #: (k, 3, E) of the rows of constraints to u, v, a
     eta: np.ndarray  #: (m,) η
     directions: np.ndarray  #: (T,) terms of P at the beginning of the step
     moved: np.ndarray  #: (n,) P times the change of η, in double precision
@@ -144,10 +133,7 @@ class _Constraining(NamedTuple):
     now: np.ndarray  #: (b,) norms of the blocks of a correction
     last: np.ndarray  #: (b,) of the one before
     done: np.ndarray  #: (b,) whether a block has stopped decreasing
-    matrix: np.ndarray  #: (n + m, n + m) of a projection; empty where Python solves
-    rhs: np.ndarray  #: (n + m,)
-    columns: np.ndarray  #: (n + m,) the solver's work space
-    row: np.ndarray  #: (n + m,) likewise
+    saddle: _System  #: (n + m) of a projection
 
 
 # -- before the first step ------------------------------------------------------------------
@@ -159,80 +145,72 @@ class _Room(NamedTuple):
     #: entries of X, Y and G, those of the values; of a formulation then its own, see `assembly`
     sources: np.ndarray
     values: _Values
+    constraints: np.ndarray  #: (k, m) rows of constraints; of index 3 the memory of Φ
     iterate: _Iterate
     history: _History
-    rhs: np.ndarray  #: (N,)
     system: _System
     new_past: np.ndarray  #: (P, n) what the past vectors become
     last_fields: np.ndarray  #: (4, n) u, v, a, v' before a correction that is tested by field
     last_multipliers: np.ndarray  #: (m,) λ likewise
+    work: Any  #: `_Constraining`; None for index 3
 
 
-def _allocate(problem, tables, dense, extra, state, schedule, sizes):
-    """Return room for a march."""
-    n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
-    of_x, of_g = len(problem.x_rows), len(problem.g_rows)
-    of_y = of_x + len(problem.y_rows)
-    sources = np.zeros(of_y + of_g, dtype)
-    if extra is not None:
-        behind = 3 * len(extra.rows) * of_g + len(extra.projector_rows) + len(extra.first)
-        sources = np.zeros(of_y + of_g + behind, dtype)
-    values = _Values(
-        force=np.empty(n, dtype),
-        phi=np.empty(m, dtype),
-        x=sources[:of_x],
-        y=sources[of_x:of_y],
-        g=sources[of_y : of_y + of_g],
-    )
-    iterate = _Iterate(
-        compensated=schedule.compensated,
-        moving=np.empty((3, n), dtype) if schedule.compensated else state.fields[:3],
-        h=sizes.h,
-        shift=np.empty(n, dtype),
-        g_old=np.empty(of_g, dtype),
-    )
-    rows = len(tables.row_weights)
-    history = _History(np.empty((3, n), dtype), np.empty(n, dtype), np.empty((rows, n), dtype))
-    # As many multipliers as rows of constraints.
-    size = len(tables.kept) * n + (len(tables.left) - 1 - rows) * m
+def _system(size, dense, dtype):
+    """Return room for a linear system."""
     matrix = np.empty((size, size) if len(dense.constant) else (0, 0), dtype)
-    system = _System(
-        matrix, matrix.ravel(), np.empty(len(matrix), np.uint64), np.empty(len(matrix), dtype)
-    )
-    return _Room(
-        sources, values, iterate, history, np.empty(size, dtype), system,
-        np.empty_like(state.past), np.empty_like(state.fields), np.empty_like(state.multipliers),
-    )  # fmt: skip
+    rhs, columns, row = (np.empty(size, kind) for kind in (dtype, np.uint64, dtype))
+    return _System(matrix, matrix.ravel(), rhs, columns, row)
 
 
-def _allocate_constraining(problem, dense, extra, state, sources, recorded):
-    """Return room for what a formulation overwrites in every step."""
+def _allocate(problem, tables, dense, extra, state, schedule, sizes, recorded):
+    """Return room for a march that records so many blocks."""
     n, m, dtype = state.fields.shape[1], len(state.multipliers), state.fields.dtype
-    entries, rows = len(problem.g_rows), len(extra.rows)
-    saddle = n + m if extra.level > 0 else 0
-    first = len(problem.x_rows) + len(problem.y_rows) + entries
-    second = first + 3 * rows * entries
-    return _Constraining(
-        rate=np.zeros(m, dtype),
-        curvature=np.zeros(m, dtype),
-        r=np.zeros(entries, dtype),
-        r_old=np.zeros(entries, dtype),
-        q=np.zeros(entries, dtype),
-        psi=np.zeros(m, dtype),
-        rows=np.empty((rows, m), dtype),
-        tangents=sources[first:second].reshape(rows, 3, entries),
-        eta=np.zeros(m, dtype),
-        directions=sources[second : second + len(extra.projector_rows)],
-        moved=np.zeros(n),
-        push=np.zeros(n, dtype),
-        shifted=np.empty(m, dtype),
-        now=np.zeros(recorded),
-        last=np.zeros(recorded),
-        done=np.zeros(recorded, np.int64),
-        matrix=np.empty((saddle, saddle) if len(dense.constant) else (0, 0), dtype),
-        rhs=np.empty(saddle, dtype),
-        columns=np.empty(saddle, np.uint64),
-        row=np.empty(saddle, dtype),
+    rows, of_g = len(tables.row_weights), len(problem.g_rows)
+    lengths = [len(problem.x_rows), len(problem.y_rows), of_g]
+    if extra is not None:
+        lengths += [3 * len(extra.rows) * of_g, len(extra.projector_rows), len(extra.first)]
+    sources = np.zeros(sum(lengths), dtype)
+    x, y, g, *own = np.split(sources, np.cumsum(lengths)[:-1])
+    values = _Values(np.empty(n, dtype), np.empty(m, dtype), x, y, g)
+    constraints, work = values.phi.reshape(1, m), None
+    if extra is not None:
+        constraints = np.empty((len(extra.rows), m), dtype)
+        work = _Constraining(
+            rate=np.zeros(m, dtype),
+            curvature=np.zeros(m, dtype),
+            r=np.zeros(of_g, dtype),
+            r_old=np.zeros(of_g, dtype),
+            q=np.zeros(of_g, dtype),
+            psi=np.zeros(m, dtype),
+            tangents=own[0].reshape(len(extra.rows), 3, of_g),
+            eta=np.zeros(m, dtype),
+            directions=own[1],
+            moved=np.zeros(n),
+            push=np.zeros(n, dtype),
+            shifted=np.empty(m, dtype),
+            now=np.zeros(recorded),
+            last=np.zeros(recorded),
+            done=np.zeros(recorded, np.int64),
+            saddle=_system(n + m if extra.level > 0 else 0, dense, dtype),
+        )
+    return _Room(
+        sources,
+        values,
+        constraints,
+        _Iterate(
+            compensated=schedule.compensated,
+            moving=np.empty((3, n), dtype) if schedule.compensated else state.fields[:3],
+            h=sizes.h,
+            shift=np.empty(n, dtype),
+            g_old=np.empty(of_g, dtype),
+        ),
+        _History(np.empty((3, n), dtype), np.empty(n, dtype), np.empty((rows, n), dtype)),
+        # As many multipliers as rows of constraints.
+        _system(len(tables.kept) * n + (len(tables.left) - 1 - rows) * m, dense, dtype),
+        np.empty_like(state.past),
+        np.empty_like(state.fields),
+        np.empty_like(state.multipliers),
+        work,
     )
 
 
@@ -320,43 +298,31 @@ def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
 
 
 @_inline
-def _assemble_residual(
-    mass_rows, mass_columns, mass_values, kept, left, dynamic_weights, row_weights, dynamics,
-    rows, moving, force, phi, rhs,
-):  # fmt: skip
-    """Set ``rhs`` (N,) to −D_L b, row blocks D, the kept ones of V and K, C."""
-    _assemble_residual_of_motion(
-        mass_rows, mass_columns, mass_values, kept, left, dynamic_weights, row_weights,
-        dynamics, rows, moving, force, rhs,
-    )  # fmt: skip
-    first, extra = kept.shape[0] * moving.shape[1], row_weights.shape[0]
-    for i in range(phi.shape[0]):
-        rhs[first + i] = -left[1 + extra] * phi[i]
-
-
-@_inline
-def _assemble_residual_of_motion(
-    mass_rows, mass_columns, mass_values, kept, left, dynamic_weights, row_weights, dynamics,
-    rows, moving, force, rhs,
-):  # fmt: skip
-    """Set rows D and the kept ones of V and K of −D_L b."""
-    n, p, extra = moving.shape[1], kept.shape[0], row_weights.shape[0]
+def _assemble_residual(problem, tables, history, moving, force, constraints, rhs):
+    """Set ``rhs`` to −D_L b, row blocks D, the kept ones of V and K, constraints (k, m)."""
+    n, p, extra = moving.shape[1], tables.kept.shape[0], tables.row_weights.shape[0]
     for i in range(n):
-        rhs[i] = force[i] - dynamics[i]
+        rhs[i] = force[i] - history.dynamics[i]
     for k in range(p):
-        weight = dynamic_weights[k]
+        weight = tables.dynamic_weights[k]
         if weight != 0:
-            source = kept[k]
-            for e in range(mass_rows.shape[0]):
-                rhs[mass_rows[e]] -= mass_values[e] * weight * moving[source, mass_columns[e]]
+            source = tables.kept[k]
+            for e in range(problem.mass_rows.shape[0]):
+                rhs[problem.mass_rows[e]] -= (
+                    problem.mass_values[e] * weight * moving[source, problem.mass_columns[e]]
+                )
     for i in range(n):
-        rhs[i] *= left[0]
+        rhs[i] *= tables.left[0]
     for r in range(extra):
         for i in range(n):
-            residual = rows[r, i]
+            residual = history.rows[r, i]
             for k in range(p):
-                residual += row_weights[r, k] * moving[kept[k], i]
-            rhs[(1 + r) * n + i] = -left[1 + r] * residual
+                residual += tables.row_weights[r, k] * moving[tables.kept[k], i]
+            rhs[(1 + r) * n + i] = -tables.left[1 + r] * residual
+    for row in range(constraints.shape[0]):
+        first = p * n + row * constraints.shape[1]
+        for k in range(constraints.shape[1]):
+            rhs[first + k] = -tables.left[1 + extra + row] * constraints[row, k]
 
 
 @_inline
@@ -453,42 +419,50 @@ def _call_python(typing, address):
 
 
 @_inline
-def _solve_pivoting(python, system, rhs):
-    """Overwrite ``rhs`` with the solution of the dense matrix, or have it solved in Python."""
+def _solve_pivoting(python, system):
+    """Solve a dense system, or have it solved in Python."""
     if system.matrix.shape[0] == 0:
         return _call_python(python.addresses[0])  # type: ignore[call-arg]
-    if solve_in_place(system.matrix, rhs, system.columns, system.row):
+    if solve_in_place(system.matrix, system.rhs, system.columns, system.row):
         return np.int64(COMPLETED)
     # What is not a number is no pivot either.
-    return np.int64(SINGULAR if np.isfinite(_square(rhs)) else DIVERGED)
+    return np.int64(SINGULAR if np.isfinite(_square(system.rhs)) else DIVERGED)
 
 
 @_inline
-def _correct(tables, correction, moving, multipliers, norms, s):
-    """Apply the correction (N,) and record the 2-norms of its blocks in ``norms[s]``.
+def _take_norms(tables, correction, n, m, rows, norms):
+    """Set the 2-norms of the blocks of a correction (N,), of fields and of rows of constraints.
 
     Returns:
         The square of its displacement part, in physical units.
     """
-    right, n, p = tables.right, moving.shape[1], tables.kept.shape[0]
-    displacement_square = 0.0
+    p, displacement_square = tables.kept.shape[0], 0.0
+    for k in range(p):
+        block = 0.0
+        for i in range(k * n, (k + 1) * n):
+            block += np.float64(correction[i]) * correction[i]
+        norms[k] = np.sqrt(block)
+        to_displacement = np.float64(tables.weights[0, k]) * tables.right[k]
+        displacement_square += to_displacement * to_displacement * block
+    for row in range(rows):
+        block = 0.0
+        for i in range(p * n + row * m, p * n + (row + 1) * m):
+            block += np.float64(correction[i]) * correction[i]
+        norms[p + row] = np.sqrt(block)
+    return displacement_square
+
+
+@_inline
+def _correct(tables, correction, moving, multipliers):
+    """Apply a correction to the kept fields and to λ, where that is an unknown."""
+    n, p = moving.shape[1], tables.kept.shape[0]
     for k in range(p):
         field = tables.kept[k]
-        block = 0.0
         for i in range(n):
-            scaled = correction[k * n + i]
-            block += np.float64(scaled) * scaled
-            moving[field, i] += right[k] * scaled
-        norms[s, k] = np.sqrt(block)
-        to_displacement = np.float64(tables.weights[0, k]) * right[k]
-        displacement_square += to_displacement * to_displacement * block
-    block = 0.0
-    for i in range(multipliers.shape[0]):
-        scaled = correction[p * n + i]
-        block += np.float64(scaled) * scaled
-        multipliers[i] += right[p] * scaled
-    norms[s, p] = np.sqrt(block)
-    return displacement_square
+            moving[field, i] += tables.right[k] * correction[k * n + i]
+    if correction.shape[0] > p * n:
+        for i in range(multipliers.shape[0]):
+            multipliers[i] += tables.right[p] * correction[p * n + i]
 
 
 @_inline
@@ -549,9 +523,7 @@ def _passes(tables, schedule, state, last_fields, last_multipliers, norm):
         return False
     limit = schedule.limits[0, 0]
     if schedule.limits[0, 1] > 0:
-        limit += schedule.limits[0, 1] * _scaled_size(
-            state.fields, state.multipliers, tables.kept, tables.right
-        )
+        limit += schedule.limits[0, 1] * _scaled_size(tables, state.fields, state.multipliers)
     return norm <= limit
 
 
@@ -569,7 +541,7 @@ def _changed_little(limits, last, now):
 
 
 @_part
-def _look(tables, schedule, state, room, rhs, solves, first):
+def _look(tables, schedule, state, room, solves, first):
     """Before a correction: test the residual, or note from where the correction leads.
 
     Returns:
@@ -580,7 +552,7 @@ def _look(tables, schedule, state, room, rhs, solves, first):
         _copy(state.multipliers, room.last_multipliers)
     if schedule.test != BY_RESIDUAL:
         return 0, first
-    size = _residual(tables, rhs, state.fields.shape[1], state.multipliers.shape[0])
+    size = _residual(tables, room.system.rhs, state.fields.shape[1], state.multipliers.shape[0])
     if solves == 0:
         return 0, size
     return int(size <= schedule.limits[0, 0] + schedule.limits[0, 1] * first), first
@@ -601,16 +573,13 @@ def _residual(tables, rhs, n, m):
 @_inline
 def _threshold(schedule, fields):
     """Square of the largest correction of u in the terminal phase."""
-    square = 0.0
-    for i in range(fields.shape[1]):
-        square += np.float64(fields[0, i]) * fields[0, i]
-    return schedule.settled_below * schedule.settled_below * square
+    return schedule.settled_below * schedule.settled_below * _square(fields[0])
 
 
 @_inline
-def _scaled_size(fields, multipliers, kept, right):
+def _scaled_size(tables, fields, multipliers):
     """Norm of the unknowns as the solver sees them."""
-    square = 0.0
+    kept, right, square = tables.kept, tables.right, 0.0
     for k in range(kept.shape[0]):
         for i in range(fields.shape[1]):
             square += (np.float64(fields[kept[k], i]) / right[k]) ** 2
@@ -674,8 +643,8 @@ def _rate_of_constraints(problem, iterate, state, values, work):
 
 
 @_part
-def _assemble_constraints(problem, extra, state, values, work):
-    """Set the rows of constraints and their tangents to u, v and a."""
+def _assemble_constraints(problem, extra, state, values, rows, work):
+    """Set the rows of constraints (k, m) and their tangents to u, v and a."""
     two = values.phi.dtype.type(2)
     for row in range(extra.rows.shape[0]):
         s0, s1, s2 = extra.rows[row, 0], extra.rows[row, 1], extra.rows[row, 2]
@@ -685,33 +654,27 @@ def _assemble_constraints(problem, extra, state, values, work):
                 value += s1 * work.psi[k]
             if s2 != 0:
                 value += s2 * work.curvature[k]
-            work.rows[row, k] = value
+            rows[row, k] = value
         for e in range(values.g.shape[0]):
             g, r, q = values.g[e], work.r[e], work.q[e]
             if s2 != 0:
                 acceleration = state.fields[3, problem.g_rows[e]]
-                work.rows[row, problem.g_columns[e]] += s2 * (g * acceleration)
+                rows[row, problem.g_columns[e]] += s2 * (g * acceleration)
             work.tangents[row, 0, e] = s0 * g + s1 * r + s2 * q
             work.tangents[row, 1, e] = s1 * g + two * s2 * r
             work.tangents[row, 2, e] = s2 * extra.inertia * g
 
 
 @_part
-def _add_constraints_to_residual(problem, tables, extra, n, work, rhs):
-    """Set the rows of constraints of −D_L b, and add Pη to rows D, V and K."""
-    p, kept_rows = tables.kept.shape[0], tables.row_weights.shape[0]
-    m = work.rate.shape[0]
-    for row in range(extra.rows.shape[0]):
-        for k in range(m):
-            rhs[p * n + row * m + k] = -tables.left[1 + kept_rows + row] * work.rows[row, k]
-    if extra.stabilised != 0:
-        inertia = extra.inertia * extra.eta[2]
-        for e in range(problem.mass_rows.shape[0]):
-            pushed = problem.mass_values[e] * inertia * work.push[problem.mass_columns[e]]
-            rhs[problem.mass_rows[e]] -= tables.left[0] * pushed
-        for r in range(kept_rows):
-            for i in range(n):
-                rhs[(1 + r) * n + i] -= tables.left[1 + r] * extra.rows_eta[r] * work.push[i]
+def _push_residual(problem, tables, extra, n, work, rhs):
+    """Add Pη to rows D, V and K of −D_L b."""
+    inertia = extra.inertia * extra.eta[2]
+    for e in range(problem.mass_rows.shape[0]):
+        pushed = problem.mass_values[e] * inertia * work.push[problem.mass_columns[e]]
+        rhs[problem.mass_rows[e]] -= tables.left[0] * pushed
+    for r in range(tables.row_weights.shape[0]):
+        for i in range(n):
+            rhs[(1 + r) * n + i] -= tables.left[1 + r] * extra.rows_eta[r] * work.push[i]
 
 
 @_part
@@ -723,77 +686,58 @@ def _multiply(extra, sources):
 
 
 @_part
-def _assemble_formulated(
-    problem, tables, dense, extra, history, sources, moving, state, values, work, rhs, system
-):
-    """Set −D_L b and, where it is dense, D_L J D_R: of the motion and of the formulation."""
-    n = moving.shape[1]
-    _assemble_constraints(problem, extra, state, values, work)
-    _assemble_residual_of_motion(
-        problem.mass_rows, problem.mass_columns, problem.mass_values, tables.kept, tables.left,
-        tables.dynamic_weights, tables.row_weights, history.dynamics, history.rows, moving,
-        values.force, rhs,
+def _evaluate_formulated(evaluate, derive, t, problem, tables, extra, state, room, solves):
+    """Evaluate the problem and the rows of constraints at the iterate, and set −D_L b."""
+    multipliers, iterate, values, work = state.multipliers, room.iterate, room.values, room.work
+    if extra.penalty[0] == 0 or solves == 0:
+        _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+    if extra.penalty[0] > 0:
+        # Φ is that at the iterate, from here or from the last update of λ.
+        for k in range(multipliers.shape[0]):
+            work.shifted[k] = multipliers[k] - extra.penalty[0] * values.phi[k]
+        _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
+    if extra.differentiated != 0:
+        _form_acceleration(tables, state)
+        _differentiate(derive, t, problem, iterate, state, values, work)
+    _assemble_constraints(problem, extra, state, values, room.constraints, work)
+    _assemble_residual(
+        problem, tables, room.history, iterate.moving, values.force, room.constraints,
+        room.system.rhs,
     )  # fmt: skip
-    _add_constraints_to_residual(problem, tables, extra, n, work, rhs)
-    if dense.constant.shape[0] > 0:
-        _multiply(extra, sources)
-        _assemble(sources, dense, system.entries)
-
-
-@_part
-def _norms_of_blocks(tables, extra, correction, n, work):
-    """Set the norms of the blocks of a correction but for λ that is no unknown.
-
-    Returns:
-        The square of its displacement part, in physical units.
-    """
-    p, m, rows = tables.kept.shape[0], work.rate.shape[0], extra.rows.shape[0]
-    first_eta, displacement_square = p * n + m, 0.0
-    for k in range(p):
-        block = 0.0
-        for i in range(n):
-            block += np.float64(correction[k * n + i]) * correction[k * n + i]
-        work.now[k] = np.sqrt(block)
-        to_displacement = np.float64(tables.weights[0, k]) * tables.right[k]
-        displacement_square += to_displacement * to_displacement * block
-    for row in range(rows):
-        block = 0.0
-        for k in range(m):
-            scaled = correction[p * n + row * m + k]
-            block += np.float64(scaled) * scaled
-        work.now[p + row] = np.sqrt(block)
     if extra.stabilised != 0:
-        place = p + rows
-        work.moved[:] = 0
-        for e in range(work.directions.shape[0]):
-            scaled = np.float64(correction[first_eta + extra.projector_columns[e]])
-            moved = work.directions[e] * tables.right[p + 1] * scaled
-            work.moved[extra.projector_rows[e]] += moved
-        for f in range(3):
-            if not _contains(tables.kept, f):
-                block = 0.0
-                for i in range(n):
-                    change = extra.eta[f] * work.moved[i]
-                    for k in range(p):
-                        scaled = np.float64(correction[k * n + i])
-                        change += tables.weights[f, k] * tables.right[k] * scaled
-                    block += change * change
-                work.now[place] = np.sqrt(block)
-                place += 1
-    return displacement_square
+        _push_residual(problem, tables, extra, iterate.moving.shape[1], work, room.system.rhs)
 
 
 @_part
-def _apply(tables, extra, history, correction, iterate, state, work):
-    """Apply a correction (N,) to the kept fields, λ and η, and recover the other fields."""
+def _take_eliminated_norms(tables, extra, correction, n, m, work):
+    """Set the norms of what a correction changes in eliminated fields, with η."""
+    p = tables.kept.shape[0]
+    first_eta, place = p * n + m, p + extra.rows.shape[0]
+    work.moved[:] = 0
+    for e in range(work.directions.shape[0]):
+        scaled = np.float64(correction[first_eta + extra.projector_columns[e]])
+        moved = work.directions[e] * tables.right[p + 1] * scaled
+        work.moved[extra.projector_rows[e]] += moved
+    for f in range(3):
+        if not _contains(tables.kept, f):
+            block = 0.0
+            for i in range(n):
+                change = extra.eta[f] * work.moved[i]
+                for k in range(p):
+                    scaled = np.float64(correction[k * n + i])
+                    change += tables.weights[f, k] * tables.right[k] * scaled
+                block += change * change
+            work.now[place] = np.sqrt(block)
+            place += 1
+
+
+@_part
+def _apply(tables, extra, state, room):
+    """Apply a correction to the kept fields, λ and η, and recover the other fields."""
+    correction, iterate, work = room.system.rhs, room.iterate, room.work
     moving, multipliers = iterate.moving, state.multipliers
     n, m, p = moving.shape[1], multipliers.shape[0], tables.kept.shape[0]
-    for k in range(p):
-        for i in range(n):
-            moving[tables.kept[k], i] += tables.right[k] * correction[k * n + i]
-    if extra.rows.shape[0] > 0:
-        for k in range(m):
-            multipliers[k] += tables.right[p] * correction[p * n + k]
+    _correct(tables, correction, moving, multipliers)
     if extra.stabilised != 0:
         for k in range(m):
             work.eta[k] += tables.right[p + 1] * correction[p * n + m + k]
@@ -801,7 +745,7 @@ def _apply(tables, extra, history, correction, iterate, state, work):
         for e in range(work.directions.shape[0]):
             pushed = work.directions[e] * work.eta[extra.projector_columns[e]]
             work.push[extra.projector_rows[e]] += pushed
-    _recover(tables, history, state.past, moving, 0, 2)
+    _recover(tables, room.history, state.past, moving, 0, 2)
     for f in range(3):
         if extra.eta[f] != 0 and not _contains(tables.kept, f):
             for i in range(n):
@@ -822,7 +766,7 @@ def _update_by_penalty(tables, extra, multipliers, phi, work):
 
 
 @_part
-def _take_norms(work, norms, s, settled):
+def _record_decreasing(work, norms, s, settled):
     """Record the blocks that still decrease; True when none does any more.
 
     Far from the solution all are recorded.
@@ -841,76 +785,40 @@ def _take_norms(work, norms, s, settled):
 
 
 @_part
-def _solve_saddle(problem, extra, python, g, n, work):
-    """Overwrite ``work.rhs`` with the solution of [[M, −G], [Gᵀ, 0]] x = ``work.rhs``."""
-    if work.matrix.shape[0] == 0:
+def _project(problem, extra, python, values, forced, misfit, work):
+    """Solve [[M, −G], [Gᵀ, 0]] x = (f + Gλ, −misfit), or with zeros in place of f + Gλ."""
+    g, saddle, n = values.g, work.saddle, values.force.shape[0]
+    for i in range(n):
+        saddle.rhs[i] = values.force[i] if forced else 0
+    for k in range(misfit.shape[0]):
+        saddle.rhs[n + k] = -misfit[k]
+    if saddle.matrix.shape[0] == 0:
         return _call_python(python.addresses[1]) == COMPLETED  # type: ignore[call-arg]
-    work.matrix[:] = 0
+    saddle.matrix[:] = 0
     for e in range(problem.mass_rows.shape[0]):
         i, j = problem.mass_rows[e], problem.mass_columns[e]
-        work.matrix[i, j] += problem.mass_values[e] / extra.unit
+        saddle.matrix[i, j] += problem.mass_values[e] / extra.unit
     for e in range(g.shape[0]):
         i, k = problem.g_rows[e], n + problem.g_columns[e]
-        work.matrix[i, k] -= g[e]
-        work.matrix[k, i] += g[e]
+        saddle.matrix[i, k] -= g[e]
+        saddle.matrix[k, i] += g[e]
     for i in range(n):
-        work.rhs[i] /= extra.unit
-    solved = solve_in_place(work.matrix, work.rhs, work.columns, work.row)
-    for k in range(work.rhs.shape[0] - n):
-        work.rhs[n + k] *= extra.unit
+        saddle.rhs[i] /= extra.unit
+    solved = solve_in_place(saddle.matrix, saddle.rhs, saddle.columns, saddle.row)
+    for k in range(misfit.shape[0]):
+        saddle.rhs[n + k] *= extra.unit
     return solved
 
 
 @_part
-def _project(problem, extra, python, misfit, g, work):
-    """Set ``work.rhs`` to δ and μ of [[M, −G], [Gᵀ, 0]] (δ, μ) = (0, −misfit)."""
-    n = work.rhs.shape[0] - misfit.shape[0]
-    for i in range(n):
-        work.rhs[i] = 0
-    for k in range(misfit.shape[0]):
-        work.rhs[n + k] = -misfit[k]
-    return _solve_saddle(problem, extra, python, g, n, work)
-
-
-@_part
-def _move_positions(iterate, state, work):
-    """Move u by what was projected; returns the square of that."""
+def _move(field, iterate, state, change):
+    """Move a field by what was projected; returns the square of that."""
     square = 0.0
     for i in range(state.fields.shape[1]):
-        iterate.moving[0, i] += work.rhs[i]
-        square += np.float64(work.rhs[i]) * work.rhs[i]
+        iterate.moving[field, i] += change[i]
+        square += np.float64(change[i]) * change[i]
     _take_increments(iterate, state)
     return square
-
-
-@_part
-def _move_velocities(iterate, state, work):
-    """Move v by what was projected, and keep μ."""
-    n = state.fields.shape[1]
-    for i in range(n):
-        iterate.moving[1, i] += work.rhs[i]
-    for k in range(state.impulse.shape[0]):
-        state.impulse[k] = work.rhs[n + k]
-    _take_increments(iterate, state)
-
-
-@_part
-def _project_accelerations(problem, extra, python, iterate, state, values, work):
-    """Set v' to that of the index-1 system, and change a alike; False where it has none."""
-    n = state.fields.shape[1]
-    for i in range(n):
-        work.rhs[i] = values.force[i]
-    for k in range(work.curvature.shape[0]):
-        work.rhs[n + k] = -work.curvature[k]
-    if not _solve_saddle(problem, extra, python, values.g, n, work):
-        return False
-    for i in range(n):
-        # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
-        difference = work.rhs[i] - state.fields[3, i]
-        state.fields[3, i] += difference
-        iterate.moving[2, i] += difference
-    _take_increments(iterate, state)
-    return True
 
 
 # -- at the end of a step -------------------------------------------------------------------
@@ -926,33 +834,41 @@ def _form_acceleration(tables, state):
         state.fields[3, i] = value
 
 
-@_inline
+@_part
 def _finish(
-    evaluate, derive, t, problem, tables, extra, python, schedule, iterate, state, values, work,
-    positions, s,
-):  # fmt: skip
+    evaluate, derive, t, problem, tables, extra, python, schedule, state, room, positions, s
+):
     """Project positions, velocities and accelerations, set v'; False where it cannot be done."""
-    multipliers = state.multipliers
+    multipliers, iterate, values, work = state.multipliers, room.iterate, room.values, room.work
+    n, change = state.fields.shape[1], work.saddle.rhs
     while extra.level > 1 and positions[s] < MOST_POSITIONS:
         positions[s] += 1
         _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-        if not _project(problem, extra, python, values.phi, values.g, work):
+        if not _project(problem, extra, python, values, False, values.phi, work):
             return False
-        if not _move_positions(iterate, state, work) > _threshold(schedule, state.fields):
+        if not _move(0, iterate, state, change) > _threshold(schedule, state.fields):
             break  # The next one would be of the order of the square.
     if extra.level > 0:
         _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
         _differentiate(derive, t, problem, iterate, state, values, work)
-        if not _project(problem, extra, python, work.psi, values.g, work):
+        if not _project(problem, extra, python, values, False, work.psi, work):
             return False
-        _move_velocities(iterate, state, work)
+        _move(1, iterate, state, change)
+        for k in range(multipliers.shape[0]):
+            state.impulse[k] = change[n + k]
     _form_acceleration(tables, state)
-    if extra.accelerations == 0:
-        return True
-    work.shifted[:] = 0
-    _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
-    _differentiate(derive, t, problem, iterate, state, values, work)
-    return _project_accelerations(problem, extra, python, iterate, state, values, work)
+    if extra.accelerations != 0:
+        work.shifted[:] = 0
+        _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
+        _differentiate(derive, t, problem, iterate, state, values, work)
+        if not _project(problem, extra, python, values, True, work.curvature, work):
+            return False
+        for i in range(n):
+            change[i] -= state.fields[3, i]
+            state.fields[3, i] += change[i]
+        # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
+        _move(2, iterate, state, change)
+    return True
 
 
 @_inline
@@ -1009,108 +925,26 @@ def _keep(state, record, place, s):
 # -- the march ------------------------------------------------------------------------------
 
 
-def _march_index_3(
-    evaluate, solve, problem, tables, static, dense, python, state, schedule, sizes, counts,
-    record, room,
+def _march(
+    evaluate, derive, solve, problem, tables, static, dense, extra, python, state, schedule, sizes,
+    counts, record, room,
 ):  # fmt: skip
-    """The march of index 3 as numba compiles it; see `march`."""
+    """The march as numba compiles it, with or without a formulation; see `march`.
+
+    Index 3 has no ``extra``, and a formulation no ``solve``: numba drops what a comparison of an
+    argument that is None excludes.
+    """
     fields, past, multipliers = state.fields, state.past, state.multipliers
     number, compensated = fields.dtype.type, schedule.compensated
-    to_tolerance = schedule.test != BY_ROUNDING
-    sources, values, iterate, history, rhs, system, new_past, _, _ = room
-    force, phi, moving, g_old = values.force, values.phi, iterate.moving, iterate.g_old
-    eliminating, pivoting = static.structure.shape[0] > 0, dense.constant.shape[0] > 0
-    norms, iterations, _, pivoted = counts
+    n, m, to_tolerance = fields.shape[1], multipliers.shape[0], schedule.test != BY_ROUNDING
+    values, iterate, history, system = room.values, room.iterate, room.history, room.system
+    moving, rhs, work = iterate.moving, system.rhs, room.work
+    norms, iterations, positions, pivoted = counts
     kept = given_up = 0
     if compensated:
         t = number(sizes.times[0])
-        _evaluate_past(evaluate, t, problem, state, values, g_old)
-
-    for s in range(norms.shape[0]):
-        t = number(sizes.times[s + 1])
-        python.step[0] = s
-        if sizes.which[s + 1] != sizes.which[s]:
-            _change_size(sizes, s, state, new_past)
-        _collect_history(problem, tables, past, history)
-        _predict(tables, past, moving)
-        _take_increments(iterate, state)
-        previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `_look` twice
-        settled = 0  # corrections in a row that are in the terminal phase
-        while solves < schedule.cap:
-            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            _assemble_residual(
-                problem.mass_rows, problem.mass_columns, problem.mass_values, tables.kept,
-                tables.left, tables.dynamic_weights, tables.row_weights, history.dynamics,
-                history.rows, moving, force, phi, rhs,
-            )  # fmt: skip
-            if python.raised[0] != 0:
-                return RAISED, s
-            if to_tolerance:
-                settled, first = _look(tables, schedule, state, room, rhs, solves, first)
-                if settled:
-                    break
-            ending = UNSOLVED
-            if eliminating:
-                ending = solve(
-                    sources, rhs, static.constant, static.places, static.origins,
-                    static.coefficients, static.structure, static.room, static.work,
-                )  # fmt: skip
-            if ending == PIVOTING:
-                pivoted[s] = 1
-            if ending != COMPLETED:
-                if pivoting:
-                    _assemble(sources, dense, system.entries)
-                ending = _solve_pivoting(python, system, rhs)
-                if ending != COMPLETED:
-                    return ending, s
-            solves += 1
-            norm = np.sqrt(_square(rhs))
-            if not np.isfinite(norm):
-                return DIVERGED, s
-            if settled >= 2 and norm >= previous and not to_tolerance:
-                break
-            previous = norm
-            displacement_square = _correct(tables, rhs, moving, multipliers, norms, s)
-            # Nothing but the end of the step needs a.
-            _recover(tables, history, past, moving, 0, 2 if schedule.test == BY_FIELD else 1)
-            _take_increments(iterate, state)
-            small = _is_small(tables, schedule, state, room, norm, displacement_square)
-            settled = settled + 1 if small else 0
-            if small and (to_tolerance or norm == 0):
-                break
-        iterations[s] = solves if settled > 0 else -solves
-        _recover(tables, history, past, moving, 2, 2)
-        _take_increments(iterate, state)
-        _form_acceleration(tables, state)
-        _advance(tables, state, iterate, new_past)
-        if compensated:
-            # G and Φ at the end of the step, whatever was applied last.
-            _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            _carry_over(state, iterate, values, new_past)
-        _copy_all(new_past, past)
-        kept += _keep(state, record, kept, s)
-        given_up += pivoted[s]
-        if given_up >= schedule.patience:
-            return COMPLETED, s + 1
-    return COMPLETED, norms.shape[0]
-
-
-def _march_formulated(
-    evaluate, derive, problem, tables, dense, extra, python, state, schedule, sizes, counts,
-    record, room, work,
-):  # fmt: skip
-    """The march of a formulation beside index 3, or of a projection; see `march`."""
-    fields, past, multipliers = state.fields, state.past, state.multipliers
-    number, compensated = fields.dtype.type, schedule.compensated
-    to_tolerance = schedule.test != BY_ROUNDING
-    sources, values, iterate, history, rhs, system, new_past, _, _ = room
-    norms, iterations, positions, _ = counts
-    rated = extra.differentiated != 0 or extra.level > 0
-    moving, kept = iterate.moving, 0
-    if compensated:
-        t = number(sizes.times[0])
         _evaluate_past(evaluate, t, problem, state, values, iterate.g_old)
-        if rated:
+        if extra is not None and (extra.differentiated != 0 or extra.level > 0):
             derive(
                 t, past[0], past[1], fields[3], problem.ints, problem.reals, work.rate,
                 work.curvature, work.r_old, work.q,
@@ -1120,81 +954,110 @@ def _march_formulated(
         t = number(sizes.times[s + 1])
         python.step[0] = s
         if sizes.which[s + 1] != sizes.which[s]:
-            _change_size(sizes, s, state, new_past)
+            _change_size(sizes, s, state, room.new_past)
         _collect_history(problem, tables, past, history)
-        if extra.stabilised != 0:
+        if extra is not None and extra.stabilised != 0:
             if not compensated:
-                _evaluate_past(
-                    evaluate, number(sizes.times[s]), problem, state, values, iterate.g_old
-                )
+                begin = number(sizes.times[s])
+                _evaluate_past(evaluate, begin, problem, state, values, iterate.g_old)
             _set_directions(extra, iterate.g_old, work)
         _predict(tables, past, moving)
         _take_increments(iterate, state)
-        solves, settled, first = np.int64(0), 0, 0.0
+        previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `_look` twice
+        settled = 0  # corrections in a row that are in the terminal phase
         while solves < schedule.cap:
-            if extra.penalty[0] == 0 or solves == 0:
+            if solve is not None:
                 _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            if extra.penalty[0] > 0:
-                # Φ is that at the iterate, from here or from the last update of λ.
-                for k in range(multipliers.shape[0]):
-                    work.shifted[k] = multipliers[k] - extra.penalty[0] * values.phi[k]
-                _evaluate(evaluate, t, work.shifted, problem, iterate, state, values)
-            if extra.differentiated != 0:
-                _form_acceleration(tables, state)
-                _differentiate(derive, t, problem, iterate, state, values, work)
-            _assemble_formulated(
-                problem, tables, dense, extra, history, sources, moving, state, values, work,
-                rhs, system,
-            )  # fmt: skip
+                _assemble_residual(
+                    problem, tables, history, moving, values.force, room.constraints, rhs
+                )
+            if extra is not None:
+                _evaluate_formulated(
+                    evaluate, derive, t, problem, tables, extra, state, room, solves
+                )
             if python.raised[0] != 0:
                 return RAISED, s
             if to_tolerance:
-                settled, first = _look(tables, schedule, state, room, rhs, solves, first)
+                settled, first = _look(tables, schedule, state, room, solves, first)
                 if settled:
                     break
-            ending = _solve_pivoting(python, system, rhs)
+            ending = UNSOLVED
+            if solve is not None:
+                if static.structure.shape[0] > 0:
+                    ending = solve(
+                        room.sources, rhs, static.constant, static.places, static.origins,
+                        static.coefficients, static.structure, static.room, static.work,
+                    )  # fmt: skip
+                if ending == PIVOTING:
+                    pivoted[s] = 1
             if ending != COMPLETED:
-                return ending, s
+                if extra is not None:
+                    _multiply(extra, room.sources)
+                _assemble(room.sources, dense, system.entries)
+                ending = _solve_pivoting(python, system)
+                if ending != COMPLETED:
+                    return ending, s
             solves += 1
-            norm_square = _square(rhs)
-            displacement_square = _norms_of_blocks(tables, extra, rhs, fields.shape[1], work)
-            if extra.penalty[0] > 0:
-                # λ follows from Φ after the correction.
-                _apply(tables, extra, history, rhs, iterate, state, work)
-                _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-                norm_square += _update_by_penalty(tables, extra, multipliers, values.phi, work)
+            norm_square, displacement_square = _square(rhs), 0.0
+            if extra is not None:
+                displacement_square = _take_norms(tables, rhs, n, m, extra.rows.shape[0], work.now)
+                if extra.stabilised != 0:
+                    _take_eliminated_norms(tables, extra, rhs, n, m, work)
+                if extra.penalty[0] > 0:
+                    # λ follows from Φ after the correction.
+                    _apply(tables, extra, state, room)
+                    _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
+                    norm_square += _update_by_penalty(tables, extra, multipliers, values.phi, work)
             norm = np.sqrt(norm_square)
             if not np.isfinite(norm):
                 return DIVERGED, s
-            if _take_norms(work, norms, s, 0 if to_tolerance else settled):
-                break
-            if extra.penalty[0] == 0:
-                _apply(tables, extra, history, rhs, iterate, state, work)
+            if solve is not None:
+                if settled >= 2 and norm >= previous and not to_tolerance:
+                    break
+                previous = norm
+                displacement_square = _take_norms(tables, rhs, n, m, 1, norms[s])
+                _correct(tables, rhs, moving, multipliers)
+                # Nothing but the end of the step needs a.
+                last = 2 if schedule.test == BY_FIELD else 1
+                _recover(tables, history, past, moving, 0, last)
+                _take_increments(iterate, state)
+            if extra is not None:
+                if _record_decreasing(work, norms, s, 0 if to_tolerance else settled):
+                    break
+                if extra.penalty[0] == 0:
+                    _apply(tables, extra, state, room)
             small = _is_small(tables, schedule, state, room, norm, displacement_square)
             settled = settled + 1 if small else 0
             if small and (to_tolerance or norm == 0):
                 break
         iterations[s] = solves if settled > 0 else -solves
-        if not _finish(
-            evaluate, derive, t, problem, tables, extra, python, schedule, iterate, state, values,
-            work, positions, s,
+        if solve is not None:
+            _recover(tables, history, past, moving, 2, 2)
+            _take_increments(iterate, state)
+            _form_acceleration(tables, state)
+        if extra is not None and not _finish(
+            evaluate, derive, t, problem, tables, extra, python, schedule, state, room, positions,
+            s,
         ):  # fmt: skip
             return SINGULAR, s
-        _advance(tables, state, iterate, new_past)
+        _advance(tables, state, iterate, room.new_past)
         if compensated:
             # G, Φ and Φ' at the end of the step, whatever was applied last.
             _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-            if rated:
+            if extra is not None and (extra.differentiated != 0 or extra.level > 0):
                 _differentiate(derive, t, problem, iterate, state, values, work)
                 _copy(work.psi, state.psi)
                 _copy(work.r, work.r_old)
-            _carry_over(state, iterate, values, new_past)
-        _copy_all(new_past, past)
+            _carry_over(state, iterate, values, room.new_past)
+        _copy_all(room.new_past, past)
         taken = _keep(state, record, kept, s)
-        if taken != 0 and extra.total != 0:
-            for k in range(multipliers.shape[0]):
+        if extra is not None and taken != 0 and extra.total != 0:
+            for k in range(m):
                 record.multipliers[kept, k] += state.impulse[k] / extra.acting[0]
         kept += taken
+        given_up += pivoted[s]
+        if given_up >= schedule.patience:
+            return COMPLETED, s + 1
     return COMPLETED, norms.shape[0]
 
 
@@ -1234,35 +1097,25 @@ def march(
         How the march ended (COMPLETED, SINGULAR, DIVERGED, STAGNATED) and the steps done.
     """
     (evaluate, derive, solve), (static, dense) = functions, matrices
+    dtype, formulated, recorded = state.fields.dtype, extra is not None, counts.norms.shape[1]
     of_problem, of_step = problem
-    made: Any
-    dtype, formulated, work = state.fields.dtype, extra is not None, None
-    room = _allocate(of_problem, of_step, dense, extra, state, schedule, sizes)
+    room = _allocate(of_problem, of_step, dense, extra, state, schedule, sizes, recorded)
+    given = evaluate, *((derive, None) if formulated else (None, solve))
+    numbers = (
+        *problem, static, dense, extra, python.calls, state, schedule, sizes, counts, record, room
+    )  # fmt: skip
     with _compiling:
-        kinds = [evaluate_type(dtype)]
-        if formulated:
-            made, given = _march_formulated, [evaluate, derive]
-            kinds.append(derivatives_type(dtype))
-            work = _allocate_constraining(
-                of_problem, dense, extra, state, room.sources, counts.norms.shape[1]
-            )  # fmt: skip
-            numbers = (
-                *problem, dense, extra, python.calls, state, schedule, sizes, counts, record, room,
-                work,
-            )  # fmt: skip
-        else:
-            made, given = _march_index_3, [evaluate, solve]
-            kinds.append(solve_type(dtype))
-            numbers = (
-                *problem, static, dense, python.calls, state, schedule, sizes, counts, record,
-                room,
-            )  # fmt: skip
         if (dtype, formulated) not in _compiled:
-            compiled = _compile(made)
+            kinds = (
+                evaluate_type(dtype),
+                derivatives_type(dtype) if formulated else types.none,
+                types.none if formulated else solve_type(dtype),
+            )
+            compiled = _compile(_march)
             compiled.compile((*kinds, *(typeof(number) for number in numbers)))
             # A call with a jitted function would otherwise be compiled anew for that
             # one function, in every process.
             compiled.disable_compile()
             _compiled[dtype, formulated] = compiled
-    with python.served(state, room, work):
+    with python.served(state, room):
         return _compiled[dtype, formulated](*given, *numbers)
