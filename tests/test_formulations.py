@@ -513,7 +513,7 @@ def test_a_march_goes_on_and_is_recorded_to_the_same_bits(
         evaluation=evaluation, reported=reported,
     )  # fmt: skip
     whole, halted = march_of(subject, scheme, engine), march_of(subject, scheme, engine)
-    (stretch,) = whole.recorded(6, [2, 3, 6])
+    (stretch,) = whole.stretches(6, looks=[2, 3, 6])
     seen = []
     for stop in (2, 3):
         halted.advance(stop - halted.done)

@@ -149,7 +149,7 @@ def test_drift(formulation):
     for h in (2e-5, 1e-5):
         march = March(subject, scheme_of(formulation, "a-lambda", h, DAMPED))
         steps, sizes = round(0.03 / h), []
-        for stretch in march.recorded(steps, range(1, steps + 1, 10)):
+        for stretch in march.stretches(steps, looks=range(1, steps + 1, 10)):
             for u, v in stretch.record.fields[:, :2]:
                 phi, rate = subject.constraint_values(0.0, u), index_1.rate(0.0, u, v)
                 sizes.append([np.abs(phi).max(), np.abs(rate).max()])

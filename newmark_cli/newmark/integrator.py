@@ -12,10 +12,11 @@ core knows an integrator: another of the family is another set of coefficients
 """
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -108,21 +109,27 @@ class Relations:
         return carried
 
 
-class Integrator(Protocol):
+class Integrator(ABC):
     """Interface of an integrator to the core; a frozen, hashable value."""
 
     @property
     def label(self) -> str:
-        """How the CSV names it; `parse` reads it back."""
+        """How the CSV names it, to the last bit; `parse` reads it back."""
+        method = next(name for name, kind in INTEGRATORS.items() if isinstance(self, kind))
+        values = (f" {name}={float(getattr(self, name))!r}" for name in parameters(method))
+        return method + "".join(values)
 
     @property
+    @abstractmethod
     def order(self) -> int:
         """Order of u and v on index-3 systems with constant step size."""
 
     @property
+    @abstractmethod
     def damped(self) -> bool:
         """Whether errors of a and λ that alternate from step to step die out."""
 
+    @abstractmethod
     def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """Numbers of the symbols that a scaling may use.
 
@@ -137,42 +144,26 @@ class Integrator(Protocol):
         h² in generalized-α; −h (h + before)/6 Gᵀu‴ in BDF2, ``before`` being the size of the
         step before that of size h (s); −h/2 Gᵀu″ in BDF1.
         """
+        return h * h
 
+    @abstractmethod
     def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients at step size h (s), which is ``ratio`` times that of the step before."""
 
 
-class _Labelled:
-    """What the CSV calls an integrator: its method, and its parameters to the last bit."""
-
-    def across(self, h: float, before: float) -> float:
-        """What index 3 leaves of Gᵀv + Φ_t is in proportion to h²."""
-        return h * h
-
-    @property
-    def label(self) -> str:
-        """How the CSV names it; `parse` reads it back."""
-        method = next(name for name, kind in INTEGRATORS.items() if isinstance(self, kind))
-        values = (f" {name}={float(getattr(self, name))!r}" for name in parameters(method))
-        return method + "".join(values)
-
-
-class _Alpha(_Labelled):
+class _Alpha(Integrator):
     """Newmark's V and K in an auxiliary acceleration a, which v' follows.
 
     (1 − α_m) a + α_m a_n = (1 − α_f) v' + α_f v'_n,  a_0 = v'_0; the past is
     (u_n, v_n, a_n, v'_n).
     """
 
-    @property
-    def parameters(self) -> tuple[float, float, float, float]:
-        """β, γ, α_m, α_f."""
-        raise NotImplementedError
+    order: ClassVar[int] = 2
 
     @property
-    def order(self) -> int:
-        """Two."""
-        return 2
+    @abstractmethod
+    def parameters(self) -> tuple[float, float, float, float]:
+        """β, γ, α_m, α_f."""
 
     def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β and γ per unit of v': Newmark's times (1 − α_f)/(1 − α_m)."""
@@ -223,7 +214,7 @@ def fading(integrator: Integrator) -> float:
 
 
 @dataclass(frozen=True)
-class Newmark(_Labelled):
+class Newmark(Integrator):
     """Newmark's scheme (eqs. 12b, 12c); β = 1/4, γ = 1/2 is the trapezoidal rule.
 
     Under constraints an alternating error of a and λ grows by a factor in every step
@@ -355,24 +346,16 @@ class HHT(_Alpha):
 
 
 @dataclass(frozen=True)
-class BDF1(_Labelled):
+class BDF1(Integrator):
     """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
 
     description: ClassVar[str] = "implicit Euler method, order 1; no parameters"
+    order: ClassVar[int] = 1
+    damped: ClassVar[bool] = True
 
     def across(self, h: float, before: float) -> float:
         """What index 3 leaves of Gᵀv + Φ_t is in proportion to h."""
         return h
-
-    @property
-    def order(self) -> int:
-        """One."""
-        return 1
-
-    @property
-    def damped(self) -> bool:
-        """Yes."""
-        return True
 
     def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β = γ = 1."""
@@ -392,7 +375,7 @@ class BDF1(_Labelled):
 
 
 @dataclass(frozen=True)
-class BDF2(_Labelled):
+class BDF2(Integrator):
     """Two-step backward differences (Brenan, Campbell & Petzold 1996, Chapter 3).
 
     With h = ω h_n, b = (1 + ω)/(1 + 2ω) and c = ω²/(1 + 2ω), which are 2/3 and 1/3 where the
@@ -405,20 +388,12 @@ class BDF2(_Labelled):
     """
 
     description: ClassVar[str] = "two-step backward differences, order 2; no parameters"
+    order: ClassVar[int] = 2
+    damped: ClassVar[bool] = True
 
     def across(self, h: float, before: float) -> float:
         """What index 3 leaves of Gᵀv + Φ_t is in proportion to h times both sizes together."""
         return h * (h + before)
-
-    @property
-    def order(self) -> int:
-        """Two."""
-        return 2
-
-    @property
-    def damped(self) -> bool:
-        """Yes."""
-        return True
 
     def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β = b², γ = b; (2/3)² and 2/3 where the step size is constant."""

@@ -300,16 +300,3 @@ class March:
             yield self.advance(halt - self.done, looks[here])
             if self.ending != COMPLETED:
                 return
-
-    def recorded(self, steps: int, looks: Sequence[int]) -> Iterator[Stretch]:
-        """Take steps, recording some of their states on the way, which takes no halt.
-
-        Args:
-            steps: Step at which the march is over, counted from the start.
-            looks: Steps whose states are recorded, likewise; ascending, and as a range
-                they may be many.
-
-        Yields:
-            Stretches of bounded size with what was recorded in them.
-        """
-        return self.stretches(steps, (), looks)

@@ -156,12 +156,6 @@ class Record(NamedTuple):
         k = int(np.searchsorted(self.steps, done))
         return Record(self.steps[k:] - done, self.fields[k:], self.multipliers[k:])
 
-    def keep(self, state: "State", step: int) -> None:
-        """Record the state after a step, if it is one of these."""
-        k = int(np.searchsorted(self.steps, step))
-        if k < len(self.steps) and self.steps[k] == step:
-            self.fields[k], self.multipliers[k] = state.fields, state.multipliers
-
 
 def recording(state: State, steps: np.ndarray) -> Record:
     """Room for the record of steps, as `Record` counts them."""

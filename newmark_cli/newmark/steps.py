@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
 from types import MappingProxyType
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,17 +27,6 @@ _SAME = 1e-9
 
 class SequenceError(InputError):
     """A sequence of step sizes that is not usable; says which and why."""
-
-
-class StepSequence(Protocol):
-    """Interface of a sequence: a frozen value."""
-
-    @property
-    def label(self) -> str:
-        """How the CSV names it; `parse` reads it back."""
-
-    def factors(self, count: int, h: float) -> Array:
-        """(count,) sizes of the first steps as multiples of h (s)."""
 
 
 @dataclass(frozen=True)
@@ -147,9 +136,10 @@ def _require_positive(name: str, value: float) -> None:
         raise SequenceError(f"{name}: must be positive, given {value!r}")
 
 
+StepSequence = Constant | Change | Alternate | Random
 CONSTANT = Constant()
 #: Sequences by the key that a config gives.
-SEQUENCES: Mapping[str, type[Constant | Change | Alternate | Random]] = MappingProxyType(
+SEQUENCES: Mapping[str, type[StepSequence]] = MappingProxyType(
     {"constant": Constant, "change": Change, "alternate": Alternate, "random": Random}
 )
 _NUMBER = r"(\S+)"

@@ -98,7 +98,7 @@ def _marched(
             march = March(problem, _scheme(integrator, h))
             recorder = Recorder(march, most=frames)
             recorder.keep_here()
-            for stretch in march.recorded(steps, _spread(steps, frames)):
+            for stretch in march.stretches(steps, looks=_spread(steps, frames)):
                 recorder.took(stretch)
                 failed = march.ending != COMPLETED or not recorder.finite
                 if failed or np.any(stretch.iterations < 0):
@@ -158,7 +158,7 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
     try:
         march = March(problem, _scheme(DAMPED, t_end / steps))
         recorder = Recorder(march, keep=("u", "v"), most=_LOOKS)
-        for stretch in march.recorded(steps, _spread(steps, _LOOKS)):
+        for stretch in march.stretches(steps, looks=_spread(steps, _LOOKS)):
             recorder.took(stretch)
         seen = recorder.trajectory()
         gradients = [
