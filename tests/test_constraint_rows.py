@@ -15,7 +15,8 @@ from mpmath import mp, mpc, mpf
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.problems import constraint_rows, python_problem
+from newmark_cli.problems import python_problem
+from newmark_cli.problems.differences import constraint_rows
 from newmark_cli.problems.index_1 import Index1
 
 ANGLE = {"rate": 2, "acceleration": 1.5, "amplitude": 0.1, "frequency": 5, "phase": 0.7}
@@ -295,7 +296,7 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient():
     assert (exact.rows_given, differences.rows_given) == ("exact", "differences")
     given = double(decorate=numba.njit)
     functions = {key: getattr(given, key) for key in ("force", "constraints", "gradient")}
-    rows = constraint_rows.derivatives(functions, {}, numba.njit, quadratic=True)
+    rows = constraint_rows(functions, {}, numba.njit, quadratic=True)
     compiled = replace(exact, derivatives=rows)
     for seed in range(5):
         u, v, w = anywhere(mechanism, seed)
@@ -303,11 +304,11 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient():
         for subject in (exact, compiled):
             found = dense(subject, subject.constraint_rows(0.5, u, v, w))
             assert_alike(found, expected, [0, 1e-14, 1e-14, 1e-14])
-        found = dense(differences, differences.constraint_rows(0.5, u, v, w))
+        found = dense(differences, constraint_rows(0.5, u, v, w))
         assert_alike(found, expected, [0, 1e-12, 1e-12, 1e-9])
     assert compiled.derivatives.signatures
     # Velocities and accelerations that vanish are no direction to differentiate in.
-    for part in differences.constraint_rows(0.5, u, 0 * v, 0 * w):
+    for part in constraint_rows(0.5, u, 0 * v, 0 * w):
         np.testing.assert_array_equal(part, 0)
 
 

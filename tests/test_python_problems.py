@@ -10,7 +10,7 @@ from marching import scheme_of
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.problems import constraint_rows, python_problem
+from newmark_cli.problems import differences, python_problem
 from newmark_cli.problems.differences import as_it_is
 from newmark_cli.problems.problem import ProblemError
 
@@ -84,7 +84,7 @@ def test_derivatives_of_constraints_at_any_frequency(frequency, t):
         "gradient": lambda u, t: np.stack([moving(t), 4 * u - 2 * moving(t)], axis=1),
     }
     rate, curvature, r, q = np.zeros(2), np.zeros(2), np.zeros(4), np.zeros(4)
-    derivatives = constraint_rows.derivatives(functions, {}, as_it_is)
+    derivatives = differences.constraint_rows(functions, {}, as_it_is)
     derivatives(t, u, v, 0 * v, None, np.ones((1, 1)), rate, curvature, r, q)
     expected = np.array([u @ w, -2 * (u - p) @ w])
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-10 * np.abs(expected).max())

@@ -51,7 +51,9 @@ class Monomial:
         try:
             tree = ast.parse(source.replace("^", "**").strip(), mode="eval")
             monomial = _read(tree.body, frozenset(symbols))
-        except (SyntaxError, RecursionError, MemoryError, OverflowError, ValueError) as error:
+        except ZeroDivisionError:
+            raise MonomialError(f"{source!r}: division by zero") from None
+        except (SyntaxError, RecursionError, MemoryError, ArithmeticError, ValueError) as error:
             if isinstance(error, MonomialError):
                 raise
             raise MonomialError(f"{source!r} is not a product of powers") from None
@@ -120,25 +122,15 @@ def _read(node: ast.expr, symbols: frozenset[str]) -> Monomial:
         case ast.BinOp(left=left, op=ast.Mult(), right=right):
             return _read(left, symbols) * _read(right, symbols)
         case ast.BinOp(left=left, op=ast.Div(), right=right):
-            divisor = _read(right, symbols)
-            if divisor.coefficient == 0:
-                raise MonomialError("division by zero")
-            return _read(left, symbols) * divisor**-1
+            return _read(left, symbols) * _read(right, symbols) ** -1
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            exponent = _exponent(right)
-            base = _read(left, symbols)
-            if base.coefficient == 0:
-                raise MonomialError("zero is not positive")
-            return base**exponent
+            try:
+                exponent = ast.literal_eval(right)
+            except ValueError:
+                exponent = None
+            if type(exponent) is not int or abs(exponent) > 16:
+                raise MonomialError("exponents are whole numbers up to 16")
+            return _read(left, symbols) ** exponent
         case ast.UnaryOp(op=ast.USub()):
             raise MonomialError("a factor must be positive")
     raise MonomialError("only numbers, symbols, * / ^ and parentheses are allowed")
-
-
-def _exponent(node: ast.expr) -> int:
-    sign = 1
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        node, sign = node.operand, -1
-    if isinstance(node, ast.Constant) and type(node.value) is int and node.value <= 16:
-        return sign * node.value
-    raise MonomialError("exponents are whole numbers up to 16")

@@ -16,7 +16,7 @@ import numpy as np
 
 from newmark_cli.problems import user_code
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.problem import ContradictionError, Problem
+from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.support.arrays import Array
 
 #: Ratio of a step to the next, and how many there are; the longest, relative to the
@@ -63,7 +63,7 @@ class Agreement:
         """Compare at the start, and at two states next to it, where terms show that vanish there.
 
         Raises:
-            ContradictionError: Names function, entry, time, and both values.
+            ProblemError: Names function, entry, time, and both values.
         """
         with np.errstate(all="ignore"):
             states = [*self._states()]
@@ -74,14 +74,14 @@ class Agreement:
                     k, expected = wrong
                     place = [number + 1 for number in claim.places[k]]
                     entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
-                    raise ContradictionError(
+                    raise ProblemError(
                         f"{self.named(claim.key)} disagrees with differences in {entry} "
                         f"{self._where(state)}: given {claim.given[k]:.9g}, differences say "
                         f"{expected:.9g}"
                     )
             for state in states if "energy" in self.restated else ():
                 if (power := self._power(*state)) and (wrong := _contradicted(power)):
-                    raise ContradictionError(
+                    raise ProblemError(
                         f"{self.named('energy')} is not conserved {self._where(state)}: on a "
                         f"motion without dissipation it changes by {wrong[1]:.3g} in a second"
                     )

@@ -3,11 +3,12 @@
 For a problem with compiled functions, only the code that calls them is compiled anew; the
 states where they are called, and what follows from the values, are compiled once.
 
-X and Y follow from central differences of fourth order; the terms of Φ' and Φ'', see
-`newmark_cli.problems.constraint_rows`, from differences that find their own step.
+X and Y follow from central differences of fourth order; the terms of Φ' = Gᵀ v + rate and
+Φ'' = Gᵀ w + curvature, and the transposes of ∂Φ'/∂u and ∂Φ''/∂u, see
+`newmark_cli.problems.python_problem.Definition`, from differences that find their own step.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,9 @@ LONGEST_STEP, STEP_RATIO, STEPS = 1e-2, 1.9, 7
 _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME = 0.13, 0.3, 11
 _SHRINKING = STEP_RATIO ** -np.arange(_STEPS_IN_TIME)
 _EPS = 2.2e-16
+
+#: The four functions, as a definition calls them.
+ROWS = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
 
 #: Compiles a function, or leaves it as it is.
 Compiler = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -129,7 +133,7 @@ def add_reactions(forces, gradients, multipliers):  # type: ignore[no-untyped-de
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def size_of(vector, least):  # type: ignore[no-untyped-def]
+def size_of(vector, least=0.0):  # type: ignore[no-untyped-def]
     """Its largest component, or the least that counts."""
     size = least
     for i in range(vector.shape[0]):
@@ -181,9 +185,9 @@ def states_along(t, u, v, w, rate, share, in_time):  # type: ignore[no-untyped-d
 def _ways(t, u, v, w, share, in_time):  # type: ignore[no-untyped-def]
     """Steps in time, if they are wanted, along v, and along w unless it vanishes."""
     # Steps by which t changes without rounding: it stands in laws of high frequency.
-    first = t + share * _steps_within(u, v, _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME) - t
+    first = t + share * steps_along(u, v, _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME) - t
     second, third = share * steps_along(u, v, LONGEST_STEP), share * steps_along(u, w, np.inf)
-    return first[: len(first) * in_time], second, third[: STEPS * (_size(w) > 0)]
+    return first[: len(first) * in_time], second, third[: STEPS * (size_of(w) > 0)]
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -192,7 +196,7 @@ def take_rows(  # type: ignore[no-untyped-def]
 ):
     """The four from Φ and G at `states_along`, as far as these are there."""
     _, n, m = gradients.shape
-    size, length, speed = _size(gradients[0].reshape(n * m)), _size(u), _size(v)
+    size, length, speed = size_of(gradients[0].reshape(n * m)), size_of(u), size_of(v)
     first, second, third = _ways(t, u, v, w, share, in_time)
     then = gradients[1 : 1 + 2 * len(first)]
     there = gradients[1 + 2 * len(first) :].reshape(-1, n * m)
@@ -229,11 +233,9 @@ def take_rows_of_quadratic(  # type: ignore[no-untyped-def]
     gradients, v, rate, curvature, r_values, q_values
 ):
     """The four from G at `directions`."""
-    m = rate.shape[0]
     changes = gradients[1:] - gradients[0]
-    curvatures = _products(changes, v)[0]
-    for k in range(m):
-        rate[k], curvature[k] = 0.0, curvatures[k]
+    rate[:] = 0.0
+    copy(_products(changes, v)[0], curvature)
     copy(changes[0], r_values)
     copy(changes[1], q_values)
 
@@ -242,11 +244,6 @@ def take_rows_of_quadratic(  # type: ignore[no-untyped-def]
 def _products(gradients, v):  # type: ignore[no-untyped-def]
     """(k, m) Gᵀ v of (k, n, m) G."""
     return (gradients * v.reshape(1, -1, 1)).sum(axis=1)
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _size(vector):  # type: ignore[no-untyped-def]
-    return size_of(vector, 0.0)
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -262,14 +259,9 @@ def _second(values, here, steps):  # type: ignore[no-untyped-def]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def steps_along(u, v, longest):  # type: ignore[no-untyped-def]
-    """Steps (s), longest first, that move no coordinate by more than 3 % of the largest."""
-    return _steps_within(u, v, longest, 3e-2, STEPS)
-
-
-@cached_njit(nogil=True, error_model="numpy")
-def _steps_within(u, v, longest, part, count):  # type: ignore[no-untyped-def]
-    size, speed = _size(u), _size(v)
+def steps_along(u, v, longest, part=3e-2, count=STEPS):  # type: ignore[no-untyped-def]
+    """Steps (s), longest first, that move no coordinate by more than a part of the largest."""
+    size, speed = size_of(u), size_of(v)
     if size == 0:
         size = 1.0
     allowed = part * size / speed if speed > 0 else 1.0
@@ -302,3 +294,90 @@ def extrapolated(differences, ratio, rounding):  # type: ignore[no-untyped-def]
                 above[j], entry = entry, better
             above[i] = entry
     return limits
+
+
+# -- for one problem: what calls its functions ----------------------------------------------
+
+
+def constraint_rows(
+    functions: Mapping[str, Any],
+    rows: Mapping[str, Any],
+    compile_: Compiler,
+    quadratic: bool = False,
+) -> Callable[..., None]:
+    """`newmark_cli.problems.problem.Problem.derivatives`.
+
+    Each of the four is the user's, or follows from G where Φ is at most quadratic in u and free
+    of t, or is found by differences.
+    """
+    missing = [name for name in ROWS if name not in rows]
+    if not missing:
+        computed: Any = nothing
+    elif quadratic:
+        computed = _of_quadratic(functions, compile_)
+    else:
+        in_time = "constraint_rate" in missing or "curvature" in missing
+        computed = _by_differences(functions, in_time, compile_)
+    if not rows:
+        return computed  # type: ignore[no-any-return]
+    give_rate, give_curvature, give_r, give_q = (
+        giving(rows.get(name), arguments, compile_)
+        for name, arguments in zip(ROWS, ("ut", "uvt", "uvt", "uvwt"), strict=True)
+    )
+
+    def derivatives(  # type: ignore[no-untyped-def]
+        t, u, v, w, ints, reals, rate, curvature, r_values, q_values
+    ):
+        computed(t, u, v, w, ints, reals, rate, curvature, r_values, q_values)
+        give_rate(u, v, w, t, rate)
+        give_curvature(u, v, w, t, curvature)
+        give_r(u, v, w, t, r_values)
+        give_q(u, v, w, t, q_values)
+
+    return compile_(derivatives)
+
+
+def _by_differences(
+    functions: Mapping[str, Any], in_time: bool, compile_: Compiler
+) -> Callable[..., None]:
+    """`newmark_cli.problems.problem.Problem.derivatives` by central
+
+    They find their own step; the longest is multiplied by ``reals[0, 0]``.  Rate and curvature
+    remain as they were unless derivatives in time are wanted.
+    """
+    phi_of, gradient_of = functions["constraints"], functions["gradient"]
+    copy_ = copying(compile_)
+
+    def derivatives(  # type: ignore[no-untyped-def]
+        t, u, v, w, ints, reals, rate, curvature, r_values, q_values
+    ):
+        share = reals[0, 0]
+        states, times, phi, gradients = states_along(t, u, v, w, rate, share, in_time)
+        for k in range(states.shape[0]):
+            copy_(gradient_of(states[k], times[k]), gradients[k])
+        for k in range(phi.shape[0]):
+            copy_(phi_of(states[k], times[k]), phi[k])
+        take_rows(
+            phi, gradients, t, u, v, w, share, in_time, rate, curvature, r_values, q_values,
+        )  # fmt: skip
+
+    return compile_(derivatives)
+
+
+def _of_quadratic(functions: Mapping[str, Any], compile_: Compiler) -> Callable[..., None]:
+    """`newmark_cli.problems.problem.Problem.derivatives`, exactly, of such a Φ.
+
+    It is at most quadratic in u and free of t, so that G is affine in u:
+    G(u + s v) − G(u) = s (G(v) − G(0)).
+    """
+    gradient_of, copy_ = functions["gradient"], copying(compile_)
+
+    def derivatives(  # type: ignore[no-untyped-def]
+        t, u, v, w, ints, reals, rate, curvature, r_values, q_values
+    ):
+        ways, gradients = directions(v, w, rate)
+        for k in range(3):
+            copy_(gradient_of(ways[k], t), gradients[k])
+        take_rows_of_quadratic(gradients, v, rate, curvature, r_values, q_values)
+
+    return compile_(derivatives)

@@ -25,10 +25,6 @@ class ProblemError(InputError):
     """
 
 
-class ContradictionError(ProblemError):
-    """Functions of a problem contradict each other at the start or next to it."""
-
-
 class Pattern(NamedTuple):
     """Where the values that a problem's function produces belong.
 

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numba.extending import is_jitted
 
-from newmark_cli.problems import constraint_rows, differences, index_1, starting, user_code
+from newmark_cli.problems import differences, index_1, starting, user_code
 from newmark_cli.problems.agreement import Agreement
 from newmark_cli.problems.problem import Pattern, Problem, ProblemError, Push
 from newmark_cli.support import errors, files
@@ -108,9 +108,21 @@ class Definition:
     acceleration_gradient: Callable[..., Array] | None = None
 
 
+#: Functions of a definition: their arguments, of u, v, λ, w and t, and the axes of their values.
+_SIGNATURES = {
+    "constraints": ("ut", "m"),
+    "force": ("uvt", "n"),
+    "gradient": ("ut", "nm"),
+    "stiffness": ("uvλt", "nn"),
+    "damping": ("uvt", "nn"),
+    "constraint_rate": ("ut", "m"),
+    "curvature": ("uvt", "m"),
+    "rate_gradient": ("uvt", "nm"),
+    "acceleration_gradient": ("uvwt", "nm"),
+    "energy": ("uvt", ""),
+}
 _FUNCTIONS = ("force", "constraints", "gradient")
 _TANGENTS = ("stiffness", "damping")
-_OPTIONAL = (*_TANGENTS, *constraint_rows.NAMES, "energy")
 
 
 def load(
@@ -200,22 +212,26 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
     n = len(u0)
     v0, mass_matrix, t0 = array("v0", (n,)), array("mass_matrix", (n, n)), float(array("t0", ()))
 
-    used, m = dict[str, Callable[..., Any]](), 0
-    for key in ("constraints", "force", "gradient", *_OPTIONAL):
+    used, sizes = dict[str, Callable[..., Any]](), {"n": n}
+    # An acceleration that changes u by its own size within a second.
+    at: dict[str, Any] = {"u": u0, "v": v0, "w": np.full(n, np.abs(u0).max(initial=0) or 1.0)}
+    at["t"] = t0
+    for key, (arguments, axes) in _SIGNATURES.items():
         function = getattr(definition, key, None)
         if function is None and key not in _FUNCTIONS:
             continue
         if not callable(function):
             given = _described(function)
             raise ProblemError(f"{source}: {key} must be a function, given {given}")
-        arguments, shape = _call(key, u0, v0, t0, m)
-        value, used[key] = _called(function, arguments, key, where(key), shape)
+        shape = tuple(sizes[axis] for axis in axes) if key != "constraints" else "(m,)"
+        value, used[key] = _called(function, [at[x] for x in arguments], key, where(key), shape)
         if key == "constraints":
-            m = len(value)
+            sizes["m"] = m = len(value)
+            at["λ"] = np.linspace(1.0, 2.0, m)
         elif key == "gradient":
             _require_regular(mass_matrix, value, source, where(key))
     functions = {key: used[key] for key in _FUNCTIONS}
-    rows = {key: used[key] for key in constraint_rows.NAMES if key in used}
+    rows = {key: used[key] for key in differences.ROWS if key in used}
     compiled = all(is_jitted(f) for key, f in used.items() if key != "energy")
     compile_ = njit if compiled else differences.as_it_is
     quadratic = bool(getattr(definition, "quadratic", False))
@@ -223,7 +239,7 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
         [index.ravel().astype(np.int64) for index in np.indices(shape)]
         for shape in ((n, n), (n, m))
     )
-    exact = quadratic or len(rows) == len(constraint_rows.NAMES)
+    exact = quadratic or len(rows) == len(differences.ROWS)
     problem = Problem(
         name=name,
         u0=u0,
@@ -231,7 +247,7 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
         t0=t0,
         constraints=m,
         function=_evaluate(used, compile_),
-        derivatives=constraint_rows.derivatives(functions, rows, compile_, quadratic),
+        derivatives=differences.constraint_rows(functions, rows, compile_, quadratic),
         ints=np.zeros((1, 1), np.int64),
         reals=np.ones((1, 1)),
         pattern=Pattern(*places, *places, *places, *of_g),
@@ -284,26 +300,6 @@ def _names(definition: Any, key: str, count: int, source: str) -> tuple[str, ...
             f"{source}: {key} must be a list of {count} different names, given {shown}"
         )
     return tuple(names)
-
-
-def _call(key: str, u: Array, v: Array, t: float, m: int) -> tuple[tuple[Any, ...], _Shape]:
-    """Arguments of a function at the start, and the shape of its value."""
-    n = len(u)
-    # An acceleration that changes u by its own size within a second.
-    w = np.full(n, float(np.abs(u).max()) or 1.0)
-    calls: dict[str, tuple[tuple[Any, ...], _Shape]] = {
-        "constraints": ((u, t), "(m,)"),
-        "force": ((u, v, t), (n,)),
-        "gradient": ((u, t), (n, m)),
-        "energy": ((u, v, t), ()),
-        "stiffness": ((u, v, np.linspace(1.0, 2.0, m), t), (n, n)),
-        "damping": ((u, v, t), (n, n)),
-        "constraint_rate": ((u, t), (m,)),
-        "curvature": ((u, v, t), (m,)),
-        "rate_gradient": ((u, v, t), (n, m)),
-        "acceleration_gradient": ((u, v, w, t), (n, m)),
-    }
-    return calls[key]
 
 
 def _evaluate(functions: Mapping[str, Any], compile_: differences.Compiler) -> Callable[..., None]:
@@ -368,7 +364,7 @@ def _require_quadratic(problem: Problem, functions: Mapping[str, Any], where: st
 
 
 def _called(
-    function: Any, arguments: tuple[Any, ...], key: str, where: str, shape: _Shape
+    function: Any, arguments: Sequence[Any], key: str, where: str, shape: _Shape
 ) -> tuple[Array, Callable[..., Any]]:
     """Result of a function at the start, and the function that returns it as an array.
 

@@ -9,7 +9,6 @@ that system has no solution.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +40,8 @@ _WORST = 1e-3
 _SINGULAR, _CLOSE = 1e-4, 0.1
 #: Samples of each step that may have passed a singular position.
 _FINER = 32
-#: Constraints that an error names.
-_MOST_NAMED = 8
+#: Constraints that an error names; most solutions that are kept.
+_MOST_NAMED, _MOST_KNOWN = 8, 16
 _EPS = float(np.finfo(float).eps)
 #: What is left of an estimate when all solutions agree: rounding of the state.
 _ROUNDING = 4 * _EPS
@@ -61,17 +60,11 @@ class NoReference(InputError):
 
 
 class _Watch:
-    """Looks out for singular positions along the steps of a motion."""
+    """Looks out for singular positions along the steps of a motion, which it is told of."""
 
     def __init__(self, problem: Problem) -> None:
-        self._problem = problem
-        self._seen: list[tuple[float, Array, Array]] = []
-        self._largest = 0.0
-        self.see(problem.t0, problem.u0, problem.v0)
-
-    def see(self, t: float, u: Array, v: Array) -> None:
-        """A state that a step has reached."""
-        self._seen.append((t, u, v))
+        self.problem, self.largest = problem, 0.0
+        self.seen = [(problem.t0, problem.u0, problem.v0)]
 
     def judge(self, is_stuck: bool = False) -> None:
         """Require that what was seen since the last time has no singular position.
@@ -79,35 +72,32 @@ class _Watch:
         Raises:
             NoReference: Names time and constraints.
         """
-        times, u, v = map(np.array, zip(*self._seen, strict=True))
-        g = self._gradients(times, u)
+        times, u, v = map(np.array, zip(*self.seen, strict=True))
+        g = singular.gradients(self.problem, times, u)
         if not np.all(np.isfinite(g)):
             return
         least = np.linalg.svd(g, compute_uv=False)[:, -1]
-        self._largest = max(self._largest, least.max())
+        self.largest = max(self.largest, least.max())
+        ends: list[tuple[float, Array]] = []
         if singular.crossings(times, g):
             finer = np.linspace(times[0], times[-1], _FINER * (len(times) - 1) + 1)
-            g = self._gradients(finer, CubicHermiteSpline(times, u, v)(finer))
+            close = singular.gradients(self.problem, finer, CubicHermiteSpline(times, u, v)(finer))
             # Next to long steps of G, which only look like one, there is none.
-            for t in singular.crossings(finer, g):
-                raise self._ends(t, g[np.argmin(np.abs(finer - t))])
-        if least[-1] < (_CLOSE if is_stuck else _SINGULAR) * self._largest:
-            raise self._ends(times[-1], g[-1])
-        del self._seen[:-2]
-
-    def _gradients(self, times: Array, positions: Array) -> Array:
-        states = zip(times.tolist(), positions, strict=True)
-        return np.array([singular.gradient(self._problem, t, u) for t, u in states])
-
-    def _ends(self, t: float, g: Array) -> NoReference:
-        names = singular.dependent(self._problem, g)
-        further = len(names) - _MOST_NAMED
-        listed = ", ".join(names[:_MOST_NAMED]) + (f" and {further} more" if further > 0 else "")
-        return NoReference(
-            f"{self._problem.name}: no reference beyond t = {t - self._problem.t0:g}, close to "
-            "which the motion meets a singular position, such as a dead centre, where these "
-            f"constraints depend on each other: {listed}; end before it"
-        )
+            crossed = singular.crossings(finer, close)
+            ends = [(t, close[np.argmin(np.abs(finer - t))]) for t in crossed]
+        if least[-1] < (_CLOSE if is_stuck else _SINGULAR) * self.largest:
+            ends.append((times[-1], g[-1]))
+        for t, there in ends:
+            names = singular.dependent(self.problem, there)
+            further = len(names) - _MOST_NAMED
+            listed = ", ".join(names[:_MOST_NAMED])
+            raise NoReference(
+                f"{self.problem.name}: no reference beyond t = {t - self.problem.t0:g}, close to "
+                "which the motion meets a singular position, such as a dead centre, where these "
+                f"constraints depend on each other: {listed}"
+                + (f" and {further} more; end before it" if further > 0 else "; end before it")
+            )
+        del self.seen[:-2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,18 +165,22 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
             raise
         reason = user_code.described(error)
         raise NoReference(f"{problem.name}: no reference at t = {t:g}: {reason}") from None
-    u_error = max(relative_error(other[0], u) for other in others)
+    u_error, v_error = (
+        max(relative_error(other[k], of) for other in others) for k, of in enumerate((u, v))
+    )
     if u_error > _WORST:
         raise NoReference(
             f"{problem.name}: no reference at t = {t:g}: the motion is so sensitive that its "
             f"solutions with tolerances {_TOLERANCE:g} and {_COARSE:g} are {u_error:.1g} apart"
         )
-    v_error = max(relative_error(other[1], v) for other in others)
-    multipliers_error = max(
-        multipliers.relative_error(other, of_state[0], scales) for other in of_state[1:]
+
+    def of_multipliers(other: Array) -> float:
+        return multipliers.relative_error(other, of_state[0], scales)
+
+    multipliers_error = max(map(of_multipliers, of_state[1:])) + of_multipliers(
+        of_state[0] + changed[1]
     )
     v_error += relative_error(v + changed[0], v)
-    multipliers_error += multipliers.relative_error(of_state[0] + changed[1], of_state[0], scales)
     return Reference(
         t=t,
         u=u,
@@ -198,7 +192,7 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
         v_error=_ROUNDING + _CHANCE * v_error + relative_error(v + moved[1], v),
         multipliers_error=_ROUNDING
         + _CHANCE * multipliers_error
-        + multipliers.relative_error(of_state[0] + moved[2], of_state[0], scales),
+        + of_multipliers(of_state[0] + moved[2]),
     )
 
 
@@ -214,6 +208,9 @@ class Motion(NamedTuple):
     states: list[tuple[Array, Array, Array]]
 
 
+_known: dict[tuple[str, float], Reference] = {}
+
+
 def along(problem: Problem, since: float, times: Sequence[float]) -> Motion:
     """The solution at several times, close to one another.
 
@@ -225,7 +222,11 @@ def along(problem: Problem, since: float, times: Sequence[float]) -> Motion:
     Raises:
         NoReference: As `solution`.
     """
-    start = _known(problem, since)
+    key = problem.content, since  # cells of one problem ask for the same
+    if (start := _known.get(key)) is None:
+        if len(_known) >= _MOST_KNOWN:
+            _known.clear()
+        start = _known[key] = solution(problem, since)
     t, u, v = problem.t0 + since, start.u, start.v
     states = []
     for time in times:
@@ -234,11 +235,6 @@ def along(problem: Problem, since: float, times: Sequence[float]) -> Motion:
         t = time
         states.append((u, v, system.accelerations(t, u, v)[1]))
     return Motion(start, states)
-
-
-@lru_cache(maxsize=16)  # cells of one problem ask for the same
-def _known(problem: Problem, t: float) -> Reference:
-    return solution(problem, t)
 
 
 def _variants(problem: Problem) -> list[Problem]:
@@ -320,7 +316,7 @@ def _integrated(
                     "the step size vanishes: the motion or its constraints are singular there"
                 ) from None
             if watch is not None:
-                watch.see(solver.t, solver.y[:n], solver.y[n:])
+                watch.seen.append((solver.t, solver.y[:n], solver.y[n:]))
             if solver.t >= end:
                 break
         t, step = solver.t, solver.taken

@@ -7,7 +7,7 @@ of motion is regular.  References end there.
 
 import numpy as np
 
-from newmark_cli.problems.problem import Problem, dense_matrix
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
 #: Most unknowns n + m for which a singular value decomposition is worth its time.
@@ -23,16 +23,16 @@ _ZERO = 1e-10
 _TOGETHER, _NOTHING, _INVOLVED = 10.0, 1e-3, 0.05
 
 
-def gradient(problem: Problem, t: float, u: Array) -> Array:
-    """(n, m) G at t (s), u (n,) with columns of length 1; a column that vanishes stays.
+def gradients(problem: Problem, times: Array, positions: Array) -> Array:
+    """(k, n, m) G at times (k,) (s) and positions (k, n) with columns of length 1.
 
-    So links of any length, sliders and angles are alike, and singular values are numbers
-    between 0 and √m.
+    A column that vanishes stays.  So links of any length, sliders and angles are alike, and
+    singular values are numbers between 0 and √m.
     """
-    values = problem.values(t, u, np.zeros(problem.n), np.zeros(problem.m))
-    pattern, shape = problem.pattern, (problem.n, problem.m)
-    g = dense_matrix(pattern.g_rows, pattern.g_columns, values.g, shape)
-    lengths = np.linalg.norm(g, axis=0)
+    none = np.zeros(problem.n), np.zeros(problem.m)
+    states = zip(times.tolist(), positions, strict=True)
+    g = np.array([problem.evaluate(t, u, *none).G for t, u in states])
+    lengths = np.linalg.norm(g, axis=1, keepdims=True)
     return np.asarray(g / np.where(lengths > 0, lengths, 1.0))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import CORRECTED, TOTAL, is_formulated
 from newmark_cli.newmark.integrator import is_trapezoidal
-from newmark_cli.newmark.linear.choice import DENSE, STATIC, Counted, choose, not_static
+from newmark_cli.newmark.linear.choice import DENSE, STATIC, choose, not_static
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.problems.problem import Problem
 
@@ -29,7 +29,7 @@ def of_each_other(at: Mapping[str, Any]) -> Iterator[Misfit]:
         )
 
 
-def of_problem(counted: Counted, sample: Problem, at: Mapping[str, Any]) -> Iterator[Misfit]:
+def of_problem(counted: Any, sample: Problem, at: Mapping[str, Any]) -> Iterator[Misfit]:
     """Values of form, formulation, projection and so on that do not fit a problem.
 
     The sample is the problem, or a small one that is quadratic and single where it is.

@@ -161,12 +161,10 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
         for stretch in march.stretches(steps, looks=_spread(steps, _LOOKS)):
             recorder.took(stretch)
         seen = recorder.trajectory()
-        gradients = [
-            singular.gradient(problem, t, u) for t, u in zip(seen.t.tolist(), seen.u, strict=True)
-        ]
+        gradients = singular.gradients(problem, seen.t, seen.u)
         times = seen.t - problem.t0
         fastest = float(np.abs(seen.v).max(initial=0.0))
-        crossings = singular.crossings(times, np.array(gradients)) if len(times) > 2 else []
+        crossings = singular.crossings(times, gradients) if len(times) > 2 else []
     except Exception:  # of the user's code too; the cells have told what goes wrong
         return Facts()
     size = float(np.abs(problem.u0).max()) or 1.0

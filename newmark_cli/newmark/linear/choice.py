@@ -1,7 +1,7 @@
 """Which linear solvers there are, and which one a problem gets."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -25,34 +25,16 @@ DENSE_UP_TO = 300
 _DENSE_AT_MOST = 20_000
 
 
-class Counted(Protocol):
-    """A problem, or as much of it as `choose` looks at."""
-
-    @property
-    def name(self) -> str:
-        """How errors name it."""
-
-    @property
-    def n(self) -> int:
-        """Coordinates."""
-
-    @property
-    def m(self) -> int:
-        """Constraints."""
-
-    @property
-    def compiled(self) -> bool:
-        """Whether its functions are compiled."""
-
-
 def choose(
     linear_solver: str,
-    problem: Counted,
+    problem: Any,
     form: Form,
     formulated: bool = False,
     precision: str = "float64",
 ) -> str:
     """The solver that one of `LINEAR_SOLVERS` means for a problem and a form.
+
+    Of the problem it looks at ``name``, ``n``, ``m`` and ``compiled``.
 
     `AUTO` takes partial pivoting up to `PIVOTED_UP_TO` unknowns: static elimination does not see
     a diagonal scaling, and what a scaling does for a solver that does is what most studies are
@@ -79,7 +61,7 @@ def choose(
     return linear_solver
 
 
-def not_static(problem: Counted, formulated: bool) -> str:
+def not_static(problem: Any, formulated: bool) -> str:
     """Why static elimination cannot solve for a problem; empty where it can."""
     if formulated:
         return f"{STATIC} solves index 3 without a projection only; take {DENSE} or {SPARSE}"

@@ -38,12 +38,12 @@ class StaticElimination:
         """Analyse the order, unless the lists are known from another step size."""
         self.problem, self.scheme = problem, scheme
         self.size = assembly.unknowns(problem, scheme)
-        self._constants = assembly.constants(problem, scheme.tables)
+        self.constants = assembly.constants(problem, scheme.tables)
         self._sums = assembly.of_index_3(problem, scheme.tables)
         if lists:
             self.lists = lists
             return
-        parts = [self._constants, self._sums]
+        parts = [self.constants, self._sums]
         rows, columns = (
             np.concatenate([getattr(part, side) for part in parts]) for side in ("rows", "columns")
         )
@@ -59,7 +59,7 @@ class StaticElimination:
         problem = self.problem
         values = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(problem.m))
         values = values._replace(x=0 * values.x, y=0 * values.y)
-        parts = self._in_units(*self._constants), self._in_units(*self._terms(values))
+        parts = self._in_units(*self.constants), self._in_units(*self.terms(values))
         matrix = np.zeros((self.size, self.size))
         for part in parts:
             np.add.at(matrix, (part.rows, part.columns), part.values)
@@ -135,7 +135,7 @@ class StaticElimination:
     def entries(self) -> MatrixTables:
         """The same without the address of code for it."""
         lists, dtype = self.lists, self.scheme.dtype
-        constants, sums = self._in_units(*self._constants), self._sums
+        constants, sums = self._in_units(*self.constants), self._sums
         coefficients = self._in_units(sums.rows, sums.columns, sums.coefficients).values
         tables = lists.tables(constants, sums._replace(coefficients=coefficients), dtype)
         work = np.zeros(5 * self.size + len(lists.lower_rows) + len(lists.upper_rows), dtype)
@@ -152,18 +152,11 @@ class StaticElimination:
         """(E,) what the terms multiply."""
         return assembly.sources(values).astype(self.scheme.dtype)
 
-    def _terms(self, values: Values) -> Constants:
+    def terms(self, values: Values) -> Constants:
         """What a state adds to the constants."""
         sums = self._sums
         entries = sums.coefficients * self.sources(values)[sums.origins]
         return Constants(sums.rows, sums.columns, entries)
-
-    def matrix(self, values: Values) -> scipy.sparse.csc_array:
-        """D_L J D_R at a state."""
-        rows, columns, entries = (
-            np.concatenate(pair) for pair in zip(self._constants, self._terms(values), strict=True)
-        )
-        return scipy.sparse.csc_array((entries, (rows, columns)), (self.size, self.size))
 
 
 class StaticSystem:
@@ -201,7 +194,9 @@ class StaticSystem:
 
     def matrix(self, values: Values, tangents: Tangents | None = None) -> scipy.sparse.csc_array:
         """J̄, the numbers that `solve` takes, without its zeros."""
-        matrix = self.elimination.matrix(values)
+        parts = zip(self.elimination.constants, self.elimination.terms(values), strict=True)
+        rows, columns, entries = (np.concatenate(pair) for pair in parts)
+        matrix = scipy.sparse.csc_array((entries, (rows, columns)), (self.elimination.size,) * 2)
         matrix.eliminate_zeros()
         return matrix
 
