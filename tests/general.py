@@ -96,7 +96,8 @@ def general(hard=True, singular=False):
         quadratic=not hard,
     )
     reals[0, 2 : 2 + M] = subject.constraint_values(0.0, u0)
-    change, _ = Index1(subject).velocity_projection(0.0, u0, wanted)
+    system = Index1(subject)
+    change, _ = system.least_change(0.0, u0, -system.rate(0.0, u0, wanted))
     return replace(subject, v0=wanted + change)
 
 

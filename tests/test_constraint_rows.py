@@ -304,11 +304,11 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient():
         for subject in (exact, compiled):
             found = dense(subject, subject.constraint_rows(0.5, u, v, w))
             assert_alike(found, expected, [0, 1e-14, 1e-14, 1e-14])
-        found = dense(differences, constraint_rows(0.5, u, v, w))
+        found = dense(differences, differences.constraint_rows(0.5, u, v, w))
         assert_alike(found, expected, [0, 1e-12, 1e-12, 1e-9])
     assert compiled.derivatives.signatures
     # Velocities and accelerations that vanish are no direction to differentiate in.
-    for part in constraint_rows(0.5, u, 0 * v, 0 * w):
+    for part in differences.constraint_rows(0.5, u, 0 * v, 0 * w):
         np.testing.assert_array_equal(part, 0)
 
 
@@ -380,7 +380,8 @@ def test_projections_solve_the_bordered_system(subject, constrained):
         found += np.linalg.solve(matrix, rhs - matrix @ found)
         return found[:n], unit * found[n:]
 
-    change, impulse = Index1(subject).velocity_projection(t, u, v)
+    system = Index1(subject)
+    change, impulse = system.least_change(t, u, -system.rate(t, u, v))
     for found, expected in zip((change, impulse), solved(terms.G.T @ v + rate), strict=True):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
     np.testing.assert_allclose(

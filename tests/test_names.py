@@ -85,26 +85,32 @@ def test_names_of_a_definition():
     [
         (
             {"coordinate_names": ["x"]},
-            "coordinate_names must be a list of 2 different names, given ['x']",
+            "coordinate_names must be a list of 2 texts, all different, given ['x']",
         ),
         (
             {"coordinate_names": "xy"},
-            "coordinate_names must be a list of 2 different names, given 'xy'",
+            "coordinate_names must be a list of 2 texts, all different, given 'xy'",
         ),
-        ({"coordinate_names": 2}, "coordinate_names must be a list of 2 different names, given 2"),
+        (
+            {"coordinate_names": 2},
+            "coordinate_names must be a list of 2 texts, all different, given 2",
+        ),
         (
             {"coordinate_names": ["x", 2]},
-            "coordinate_names must be a list of 2 different names, given ['x', 2]",
+            "coordinate_names must be a list of 2 texts, all different, given ['x', 2]",
         ),
         (
             {"coordinate_names": ["x", " "]},
-            "coordinate_names must be a list of 2 different names, given ['x', ' ']",
+            "coordinate_names must be a list of 2 texts, all different, given ['x', ' ']",
         ),
         (
             {"coordinate_names": ["x", "x"]},
-            "coordinate_names must be a list of 2 different names, given ['x', 'x']",
+            "coordinate_names must be a list of 2 texts, all different, given ['x', 'x']",
         ),
-        ({"constraint_names": ["rod", "bar"]}, "a list of 1 different names, given ['rod', 'bar']"),
+        (
+            {"constraint_names": ["rod", "bar"]},
+            "a list of 1 texts, all different, given ['rod', 'bar']",
+        ),
     ],
 )
 def test_names_that_cannot_be_used_are_refused(given, message):

@@ -85,7 +85,7 @@ def product(first: Any, second: Any) -> Array:
 
 def norm(vector: Array) -> float:
     """2-norm of a vector (n,)."""
-    return float(_compiled(_norm)(_contiguous(vector).ravel()))
+    return float(_compiled(_norm)(np.ascontiguousarray(vector, float).ravel()))
 
 
 def spectral_norm(matrix: Array) -> float:
@@ -95,7 +95,8 @@ def spectral_norm(matrix: Array) -> float:
     eigenvalue of [[0, B], [Bᵀ, 0]] is bisected by counts of signs.  Its relative error is a
     small multiple of the unit roundoff, however uneven the entries are.
     """
-    tall = _contiguous(matrix if matrix.shape[0] >= matrix.shape[1] else matrix.T)
+    tall = matrix if matrix.shape[0] >= matrix.shape[1] else matrix.T
+    tall = np.ascontiguousarray(tall, float)
     largest = float(np.abs(tall).max(initial=0.0))
     if not np.isfinite(largest):
         return np.nan
@@ -112,10 +113,6 @@ def _compiled(function: Any) -> Any:
     from newmark_cli.support.cached_code import cached_njit
 
     return cached_njit(nogil=True, error_model="numpy")(function)
-
-
-def _contiguous(array: Any) -> Array:
-    return np.ascontiguousarray(array, float)
 
 
 def _factorise(lu, order):

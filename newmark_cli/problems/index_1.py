@@ -85,20 +85,13 @@ class Index1:
         the square of the distance.
         """
         u = u + self.least_change(t, u, -self.problem.values(t, u, v, self._none).phi)[0]
-        return u, v + self.velocity_projection(t, u, v)[0]
+        return u, v + self.least_change(t, u, -self.rate(t, u, v))[0]
 
     def rate(self, t: float, u: Array, v: Array) -> Array:
         """(m,) Φ' = Gᵀv + Φ_t at a time (s) and (n,) coordinates and velocities."""
         values = self.problem.values(t, u, v, self._none)
         rate, _ = self.problem.constraint_derivatives(t, u, v)
         return self.problem.along(values.g, v) + rate
-
-    def velocity_projection(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
-        """Least change of the velocities, in the norm of M, that meets Φ' = 0.
-
-        δv (n,) with Gᵀ (v + δv) + Φ_t = 0, and the impulse μ (m,) with M δv = G μ.
-        """
-        return self.least_change(t, u, -self.rate(t, u, v))
 
     def least_change(self, t: float, u: Array, wanted: Array) -> tuple[Array, Array]:
         """Least change δ (n,), in the norm of M, with Gᵀδ (m,) as wanted, and μ (m,), M δ = G μ."""

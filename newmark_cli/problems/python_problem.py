@@ -297,7 +297,7 @@ def _names(definition: Any, key: str, count: int, source: str) -> tuple[str, ...
     if not len(names) == len(good) == count:
         shown = errors.one_line(repr(names or given))[:300]
         raise ProblemError(
-            f"{source}: {key} must be a list of {count} different names, given {shown}"
+            f"{source}: {key} must be a list of {count} texts, all different, given {shown}"
         )
     return tuple(names)
 
