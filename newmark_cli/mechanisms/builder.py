@@ -8,7 +8,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from newmark_cli.support.spelling import nearest
 MISFIT = 1e-12
 #: Kinds of parts that others refer to by the name of another kind.
 ALIASES = {"body_points": "points"}
+
+
+_Part = TypeVar("_Part")
 
 
 class Follows(Exception):
@@ -190,15 +193,10 @@ class Builder(ABC):
             self.broken.add((broken[0], broken[1]))
 
     def known(
-        self,
-        kind: str,
-        name: str,
-        path: KeyPath,
-        among: Mapping[str, Any] | None = None,
+        self, kind: str, name: str, path: KeyPath, among: Mapping[str, _Part],
         others: Iterable[str] = (),
-    ) -> Any:
+    ) -> _Part:  # fmt: skip
         """The part of a kind that another one names; ``others`` are further names that exist."""
-        among = getattr(self.mechanism, kind) if among is None else among
         if (kind, name) in self.broken:
             raise Follows
         if name not in among:

@@ -89,7 +89,9 @@ def chain(links: int) -> dict[str, Any]:
     one unit in the last place of it, and corrections of λ die out, or are caught
     on their way, instead of showing rounding.
     """
-    return _hung(f"Falling chain of {links} links", *_straight(links))
+    places = range(1, links + 1)
+    x, y = [0.8 * i for i in places], [-0.6 * i for i in places]
+    return _hung(f"Falling chain of {links} links", x, y, [1.0] * links)
 
 
 def random_chain(links: int) -> dict[str, Any]:
@@ -104,28 +106,12 @@ def random_chain(links: int) -> dict[str, Any]:
     iteration.  Directions and masses are drawn from a fixed seed, one link after the
     other, so that a shorter chain is the beginning of a longer one.
     """
-    title = f"Falling chain of {links} links in random directions"
-    return _hung(title, *_random(links))
-
-
-#: Positions x and y of the masses of a chain, from the fixed end on, and the masses.
-_Hanging = tuple[Sequence[float], Sequence[float], Sequence[float]]
-
-
-def _straight(links: int) -> _Hanging:
-    places = range(1, links + 1)
-    return [0.8 * i for i in places], [-0.6 * i for i in places], [1.0] * links
-
-
-def _random(links: int) -> _Hanging:
     draw = random.Random(_SEED).random
     drawn = [draw() for _ in range(2 * links)]
-    headings, masses = (
-        [math.tau * part for part in drawn[::2]],
-        [0.5 + part for part in drawn[1::2]],
-    )
-    y, x = zip(*(sine_cosine(heading, np.float64) for heading in headings), strict=True)
-    return list(accumulate(x)), list(accumulate(y)), masses
+    masses = [0.5 + part for part in drawn[1::2]]
+    y, x = zip(*(sine_cosine(math.tau * part, np.float64) for part in drawn[::2]), strict=True)
+    title = f"Falling chain of {links} links in random directions"
+    return _hung(title, list(accumulate(x)), list(accumulate(y)), masses)
 
 
 def _hung(

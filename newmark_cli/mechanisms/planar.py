@@ -162,8 +162,7 @@ class PlanarBuilder(builder.Builder):
 
     def site(self, name: str, path: KeyPath) -> Weights:
         """A point as Σ (a + bR) P over others."""
-        site: Weights = self.known("points", name, path, self.sites)
-        return site
+        return self.known("points", name, path, self.sites)
 
     def difference(
         self, start: str, end: str, path: KeyPath, keys: tuple[str, str] = ("from", "to")
@@ -178,6 +177,11 @@ class PlanarBuilder(builder.Builder):
                 path, f"joins {start} and {end}, which cannot move relative to each other"
             )
         return difference
+
+    def arm(self, body: str, path: KeyPath) -> Weights:
+        """The vector between the points of a body."""
+        part = self.known("bodies", body, path, self.mechanism.bodies)
+        return self.difference(part.from_, part.to, path)
 
     def between(self, start: str, end: str, path: KeyPath) -> Sum:
         """The same as constant and terms."""
@@ -215,12 +219,10 @@ class PlanarBuilder(builder.Builder):
 
     def angle(self, body: str, path: KeyPath) -> int:
         """Place in u of the angle of a body, which becomes a coordinate."""
-        part = self.known("bodies", body, path)
         name = f"{body}.angle"
         if name in self.turning:
             return self.turning[name]
-        difference = self.difference(part.from_, part.to, path)
-        return self.angle_of(difference, ("bodies", body, "angle"), name)
+        return self.angle_of(self.arm(body, path), ("bodies", body, "angle"), name)
 
     def angle_of(self, difference: Weights, path: KeyPath, name: str) -> int:
         """Place in u of the angle of a vector, a new coordinate with its constraint."""
@@ -311,7 +313,7 @@ class PlanarBuilder(builder.Builder):
             self.moving[name], self.start[name] = 2 * len(self.moving), complex(*point.at)
 
     def _body_points(self, point: BodyPoint, path: KeyPath) -> None:
-        body = self.known("bodies", point.on, (*path, "on"))
+        body = self.known("bodies", point.on, (*path, "on"), self.mechanism.bodies)
         if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
             raise Follows
         z = complex(*point.at) / body.length
@@ -342,7 +344,7 @@ class PlanarBuilder(builder.Builder):
         through = complex(*line.through)
         along, origin = {UNIT: direction}, {UNIT: through}
         if line.on is not None:
-            body = self.known("bodies", line.on, (*path, "on"))
+            body = self.known("bodies", line.on, (*path, "on"), self.mechanism.bodies)
             turn, z = direction / body.length, through / body.length
             along, origin = {body.to: turn, body.from_: -turn}, {body.from_: 1 - z, body.to: z}
         away = _minus(site, origin)
@@ -382,7 +384,8 @@ class PlanarBuilder(builder.Builder):
                     parameters = self.fitting(law, now, (*path, key))
                     self.line(site, normal, (*path, key), parameters, law)
         elif motion.slider is not None:
-            slider: Slider = self.known("sliders", motion.slider, (*path, "slider"))
+            sliders = self.mechanism.sliders
+            slider = self.known("sliders", motion.slider, (*path, "slider"), sliders)
             of_slider = ("sliders", motion.slider)
             along, away = self._on_line(slider.point, slider, of_slider, (*of_slider, "point"))
             now = (self.vector(along).conjugate() * self.vector(away)).real
@@ -391,7 +394,7 @@ class PlanarBuilder(builder.Builder):
             self.pair(turned, away, (), law_path, self.fitting(law, now, law_path), law)
         elif motion.relative_to is not None:
             assert motion.body is not None
-            self.known("bodies", motion.body, (*path, "body"))
+            self.known("bodies", motion.body, (*path, "body"), self.mechanism.bodies)
             names = motion.relative_to, motion.body
             angles = self.relative(*names, path, ("relative_to", "body"))
             now = self.sum_of(angles)
@@ -401,8 +404,7 @@ class PlanarBuilder(builder.Builder):
             self.pair({}, {}, angles, law_path, (first + 2 * math.pi * turns, *others), law)
         else:
             assert motion.body is not None
-            body = self.known("bodies", motion.body, (*path, "body"))
-            difference = self.difference(body.from_, body.to, path)
+            difference = self.arm(motion.body, (*path, "body"))
             vector = self.vector(difference)
             now = math.atan2(vector.imag, vector.real)
             parameters = self.fitting(law, now, law_path, 2 * math.pi)
@@ -417,8 +419,7 @@ class PlanarBuilder(builder.Builder):
             with self.checked():
                 if name is None:
                     continue
-                body = self.known("bodies", name, (*path, key))
-                between = self.between(body.from_, body.to, path)
+                between = self.combination(self.arm(name, (*path, key)))
                 constant = 0.0 if isinstance(torque.torque, Law) else sign * torque.torque
                 timed = [] if law is None else [laws.Timed(law, law.parameters(), 0, sign)]
                 self.add("TORQUE", between, parameters=(constant,), timed=timed)
@@ -452,8 +453,7 @@ class PlanarBuilder(builder.Builder):
         def direction(name: str, key: str) -> Weights:
             if self.is_ground(name):
                 return {UNIT: 1 + 0j}
-            body = self.known("bodies", name, (*path, key))
-            return self.difference(body.from_, body.to, (*path, key))
+            return self.arm(name, (*path, key))
 
         end, start = direction(joint.to, "to"), direction(joint.from_, "from")
         turn = self.vector(end) / self.vector(start)
@@ -478,7 +478,7 @@ class PlanarBuilder(builder.Builder):
         On a line d × Δ = ±r and d·Δ ± r (θ − ψ) is constant; on a circle |Δ| = R ± r, and
         (R ± r) ψ − R θ_b ∓ r θ is constant, with ψ the angle of the line of centres.
         """
-        body = self.known("bodies", rolling.wheel, (*path, "wheel"))
+        body = self.known("bodies", rolling.wheel, (*path, "wheel"), self.mechanism.bodies)
         centre = rolling.centre or body.from_
         centre_path = (*path, "wheel" if rolling.centre is None else "centre")
         contact, no_slip, radius = (*path, "contact"), (*path, "rolling"), rolling.radius

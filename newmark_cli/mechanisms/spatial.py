@@ -150,7 +150,7 @@ class SpatialBuilder(builder.Builder):
 
     def body(self, name: str, path: KeyPath) -> int:
         """Number of a body."""
-        return int(self.known("bodies", name, path, self.numbers))
+        return self.known("bodies", name, path, self.numbers)
 
     def body_or_ground(self, name: str, path: KeyPath) -> int:
         """Number of a body, or −1."""
@@ -158,19 +158,17 @@ class SpatialBuilder(builder.Builder):
 
     def joint(self, name: str, path: KeyPath) -> Connection:
         """A joint, which was built."""
-        joint: Connection = self.known("joints", name, path, self.made)
-        return joint
+        return self.known("joints", name, path, self.made)
 
     def site(self, name: str, path: KeyPath) -> Side:
         """A point."""
-        side: Side = self.known("points", name, path, self.sites)
-        return side
+        return self.known("points", name, path, self.sites)
 
     def of_body(self, name: str, path: KeyPath) -> Side:
         """A point of a body, or the origin of one."""
         if name in self.numbers and name not in self.sites:
             return Side(self.numbers[name], np.zeros(3), {})
-        side: Side = self.known("points", name, path, self.sites, self.numbers)
+        side = self.known("points", name, path, self.sites, self.numbers)
         if side.body < 0:
             raise self.document.error(path, f"{name} is a point of the ground")
         return side

@@ -15,7 +15,7 @@ import re
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 from numba import njit
@@ -31,11 +31,18 @@ _DIGEST = hashlib.sha256().digest_size
 _warned: set[str] = set()
 
 
-class _Files(NamedTuple):
-    """Compiled code of a function: a file for each signature and kind of processor."""
+class _Cache(FunctionCache):
+    """The cache of one function, a file for each signature and processor; a disk may be full."""
 
-    stem: str  #: what the paths of its files begin with
-    made_from: str
+    def __init__(self, function: Any, options: Any) -> None:
+        super().__init__(function)
+        source = self._impl.locator.get_source_stamp()  # of a file that may change meanwhile
+        core = sources.stamp(Path(inspect.getfile(function)))
+        self._made_from = f"{numba.__version__} {source!r} {core} {sorted(options.items())}"
+        # Numba's name has the number of a line, so that files of older versions would pile up.
+        name = re.sub(r"-\d+(?=\.py)", "", self._impl.filename_base)
+        self._stem = str(Path(self.cache_path) / name)
+        self._cache_file: Any = self
 
     def load(self, key: tuple[Any, ...]) -> Any:
         """What `save` was given; None if there is none, or it is damaged or out of date."""
@@ -55,20 +62,7 @@ class _Files(NamedTuple):
         A key is a signature, the processor, and digests of the function.
         """
         short = hashlib.sha256(repr(key[:2]).encode()).hexdigest()[:16]
-        return Path(f"{self.stem}-{short}.nbc"), f"{self.made_from} {key}"
-
-
-class _Cache(FunctionCache):
-    """The cache of one function, on a disk that may be full."""
-
-    def __init__(self, function: Any, options: Any) -> None:
-        super().__init__(function)
-        source = self._impl.locator.get_source_stamp()  # of a file that may change meanwhile
-        core = sources.stamp(Path(inspect.getfile(function)))
-        made_from = f"{numba.__version__} {source!r} {core} {sorted(options.items())}"
-        # Numba's name has the number of a line, so that files of older versions would pile up.
-        name = re.sub(r"-\d+(?=\.py)", "", self._impl.filename_base)
-        self._cache_file: Any = _Files(str(Path(self.cache_path) / name), made_from)
+        return Path(f"{self._stem}-{short}.nbc"), f"{self._made_from} {key}"
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep compiled code; where it cannot be kept, say so once."""

@@ -42,22 +42,21 @@ def read(
         MatrixError: The file cannot be read, is too large, is neither, or has what is not
             a matrix of finite real numbers.
     """
-    if path.suffix.lower() == ".npz" and not path.is_dir():
-        arrays = _archive(path, names)
-        if not arrays:
-            raise MatrixError(f"{path}: the file has none of {', '.join(names)}")
-        return {name: array_of(a, f"{path}: {name}", dimensions) for name, a in arrays.items()}
-    if path.is_dir():
-        files_of = {name: path / f"{name}.mtx" for name in names}
-        found = {name: file for name, file in files_of.items() if file.exists()}
-    elif path.suffix.lower() == ".mtx":
-        found = {next(iter(names)): path}
-    else:
+    suffix = "folder" if path.is_dir() else path.suffix.lower()
+    if suffix not in ("folder", ".npz", ".mtx"):
         raise MatrixError(f"{path}: must be an .npz file, an .mtx file or a folder of .mtx files")
+    if suffix == ".npz":
+        found = {n: (f"{path}: {n}", array) for n, array in _archive(path, names).items()}
+        none = f"the file has none of {', '.join(names)}"
+    elif suffix == ".mtx":
+        found = {next(iter(names)): (str(path), _market(path))}
+    else:
+        files_of = {name: path / f"{name}.mtx" for name in names}
+        found = {n: (str(file), _market(file)) for n, file in files_of.items() if file.exists()}
+        none = f"the folder has none of {', '.join(f'{name}.mtx' for name in names)}"
     if not found:
-        listed = ", ".join(f"{name}.mtx" for name in names)
-        raise MatrixError(f"{path}: the folder has none of {listed}")
-    return {name: array_of(_market(file), str(file), dimensions) for name, file in found.items()}
+        raise MatrixError(f"{path}: {none}")
+    return {name: array_of(array, where, dimensions) for name, (where, array) in found.items()}
 
 
 def text_of(path: Path, name: str) -> str | None:
