@@ -203,9 +203,7 @@ class Law(StrictModel):
             or self.amplitude * self.frequency
             or any(self.powers[1:])
             or any(sine.amplitude * sine.frequency for sine in self.sines)
-            or (
-                self.table is not None and any(v != self.table.values[0] for v in self.table.values)
-            )
+            or (self.table is not None and len({*self.table.values}) > 1)
         )
 
     def parameters(self, initially: float | None = None) -> tuple[float, ...]:

@@ -80,7 +80,11 @@ def call(
         Stopped: When it has given up.
         InputError: What the function raised.
     """
-    process = _taken(owner) or _Process()
+    with _guard:
+        kept = next((pair for pair in _waiting if pair[0] == owner), None)
+        if kept is not None:
+            _waiting.remove(kept)
+    process = kept[1] if kept is not None and kept[1].alive else _Process()
     try:
         succeeded, result = process.call(pickle.dumps((function, arguments)), timeout, stopped)
     except BaseException:
@@ -96,15 +100,6 @@ def call(
     if succeeded:
         return result
     raise result if isinstance(result, InputError) else ApartError(result)
-
-
-def _taken(owner: Hashable) -> "_Process | None":
-    with _guard:
-        for pair in _waiting:
-            if pair[0] == owner:
-                _waiting.remove(pair)
-                return pair[1] if pair[1].alive else None
-    return None
 
 
 @atexit.register  # before `multiprocessing` waits for what it has started
