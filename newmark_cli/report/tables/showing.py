@@ -121,7 +121,7 @@ def _table(slopes: Sequence[Slope]) -> str:
         return wrapped(where + "; ".join(" ".join(s.key.besides(*_TABLE)) for s in slopes))
     common, names = _names(slopes)
     title = ", ".join([first.problem, first.form, f"{quantity(first)} ({first.measure})", *common])
-    points = [_points(slope) for slope in slopes]
+    points = [_entries(slope) for slope in slopes]
     rows: list[tuple[Entry, ...]] = [
         ("h", *(tuple(name) for name in names)),
         *(
@@ -151,7 +151,7 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
             continue
         values = [axes.in_words(axis.name, getattr(slope, axis.name)) for slope in slopes]
         labels = list(map(format_integrator, values))
-        if len(set(labels)) > 1:
+        if len({*labels}) > 1:
             for name, value in zip(names, labels, strict=True):
                 name += [value] if value else []
         elif labels[0] not in ("", axes.in_words(axis.name, axis.usual or ""), TRAPEZOIDAL_NAME):
@@ -159,24 +159,19 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
     return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
 
 
-def _descending(slope: Slope) -> list[int]:
-    return [int(i) for i in np.argsort(-slope.h, kind="stable")]
-
-
-def _points(slope: Slope) -> dict[tuple[float, int], Entry]:
+def _entries(slope: Slope) -> dict[tuple[float, int], Entry]:
     """(h, how many of the same h came before) → value, local order, and status if not ok."""
     entries: dict[tuple[float, int], Entry] = {}
     seen: Counter[float] = Counter()
-    orders = [math.nan, *slope.local_orders]
-    for i, order in zip(_descending(slope), orders, strict=True):
-        h, value, status = float(slope.h[i]), float(slope.values[i]), slope.statuses[i]
+    for point in _points(slope):
+        h, value, order, status = (point[k] for k in ("h", "value", "local_order", "status"))
         text = f"{value:.3g}" if math.isfinite(value) else ""
         if text and math.isfinite(order):
             text = f"{text:<9} {round(order, 2) + 0.0:.2f}".replace(" -", " −")
-        if status not in slope.record.ok:
-            entries[h, -seen[h]] = (text, status) if text else status
-        else:
+        if status in slope.record.ok:
             entries[h, -seen[h]] = text or MISSING
+        else:
+            entries[h, -seen[h]] = (text, status) if text else status
         seen[h] += 1
     return entries
 
@@ -190,10 +185,9 @@ def _range(slope: Slope) -> str:
 # -- for programs -------------------------------------------------------------------------------
 
 
-def _data(slope: Slope) -> dict[str, Any]:
-    """A series for programs: `Slope.row`, with points and local orders."""
-    orders = [math.nan, *slope.local_orders]
-    points = [
+def _points(slope: Slope) -> list[dict[str, Any]]:
+    """Points of a series, the largest step size first."""
+    return [
         {
             "h": float(slope.h[i]),
             "value": float(slope.values[i]),
@@ -201,7 +195,13 @@ def _data(slope: Slope) -> dict[str, Any]:
             "local_order": float(order),
             "fitted": bool(slope.fitted[i]),
         }
-        for i, order in zip(_descending(slope), orders, strict=False)
+        for i, order in zip(
+            np.argsort(-slope.h, kind="stable"), [math.nan, *slope.local_orders], strict=False
+        )
     ]
+
+
+def _data(slope: Slope) -> dict[str, Any]:
+    """A series for programs: `Slope.row`, with points and local orders."""
     rest = {key: value for key, value in slope.row().items() if key != "local_orders"}
-    return rest | {"role": slope.role, "accepted": slope.accepted, "values": points}
+    return rest | {"role": slope.role, "accepted": slope.accepted, "values": _points(slope)}
