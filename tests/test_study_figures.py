@@ -678,7 +678,10 @@ def test_tables_of_ones_own(mine):
     [
         (("--rows", "quantiti"), "--rows: unknown axis 'quantiti'; did you mean 'quantity'?"),
         (("--values", "slop"), "--values: unknown value 'slop'; did you mean 'slope'?"),
-        (("--columns", "preconditioning"), "--columns: preconditioning tells the rows apart"),
+        (
+            ("--columns", "preconditioning"),
+            "--columns: preconditioning already tells",
+        ),
         (("--list", "--columns", "form"), "--columns: --list has none"),
         (("--quantity", "z"), "--quantity: no series of 'z' in the results"),
     ],

@@ -202,21 +202,18 @@ def _environments(
 
     Where a run has no record, as with results that are shipped, nothing of it is compared.
     """
-    shared = [study for study in first if study in second]
-    ran = [study for study in shared if "python" in first[study] and "python" in second[study]]
-    for name in dict.fromkeys(name for s in shared for name in (*first[s], *second[s])):
-        of_run = [
-            s
-            for s in shared
-            if (name in first[s] and name in second[s])
-            or (s in ran and (name in first[s] or name in second[s]))
-        ]
-        texts = [
-            ", ".join(dict.fromkeys(folder[s].get(name, records.UNKNOWN) for s in of_run))
-            for folder in (first, second)
-        ]
-        if texts[0] != texts[1]:
-            yield name, texts[0], texts[1]
+    shared: list[dict[str, tuple[str, str]]] = []
+    for study, mine in first.items():
+        if theirs := second.get(study):
+            ran = "python" in mine and "python" in theirs
+            names = [*mine, *theirs] if ran else [name for name in mine if name in theirs]
+            unknown = records.UNKNOWN
+            shared.append({n: (mine.get(n, unknown), theirs.get(n, unknown)) for n in names})
+    for name in dict.fromkeys(name for facts in shared for name in facts):
+        sides = zip(*(facts[name] for facts in shared if name in facts), strict=True)
+        a, b = (", ".join(dict.fromkeys(side)) for side in sides)
+        if a != b:
+            yield name, a, b
 
 
 def _at(row: Mapping[Any, Any]) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from newmark_cli.report.judging.fits import Fit, fit_parts, format_fit, format_order, power_law
 from newmark_cli.report.judging.slopes import Slope
@@ -17,11 +18,9 @@ from newmark_cli.report.reading.choosing import grouped, select
 from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study import shipped
-from newmark_cli.study.axes import ALIASES
 from newmark_cli.study.table_keys import TableConfig, choice_of, table, tables
 from newmark_cli.study.tabulating import AXES, VALUES
 from newmark_cli.support.errors import InputError, ResultsError
-from newmark_cli.support.spelling import nearest
 
 #: What a command prints of a study that does not say.
 USUAL = table(rows=["preconditioning"], columns=["quantity"])
@@ -56,23 +55,18 @@ def from_options(
     rows: tuple[str, ...], columns: tuple[str, ...], as_list: bool, values: tuple[str, ...]
 ) -> TableConfig:
     """The table that options of a command ask for; what they leave open is as usual."""
-    rows, columns = (tuple(ALIASES.get(axis, axis) for axis in axes) for axes in (rows, columns))
-    for option, names, known in (
-        ("--rows", rows, AXES), ("--columns", columns, AXES), ("--values", values, VALUES),
-    ):  # fmt: skip
-        for name in names:
-            if name not in known:
-                kind = "value" if option == "--values" else "axis"
-                raise InputError(f"{option}: unknown {kind} {name!r}{nearest(name, known)}")
     if as_list and columns:
         raise InputError("--columns: --list has none; name axes of its rows with --rows")
-    if as_list:
-        return table(rows=rows, values=values or LISTED)
-    rows, columns = rows or ("preconditioning",), columns or ("quantity",)
-    if set(rows) & set(columns):
-        both = ", ".join(axis for axis in columns if axis in rows)
-        raise InputError(f"--columns: {both} tells the rows apart already")
-    return table(rows=rows, columns=columns, values=values)
+    try:
+        if as_list:
+            return table(rows=rows, values=values or LISTED)
+        return table(
+            rows=rows or ["preconditioning"], columns=columns or ["quantity"], values=values
+        )
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        option = first["loc"][0] if first["loc"] else first["ctx"]["key"]
+        raise InputError(f"--{option}: {first['msg']}") from None
 
 
 def defined(folder: Path, study: str) -> Sequence[TableConfig]:
