@@ -70,7 +70,6 @@ def html(folder: Path) -> str:
         expectations=expectations.table(expected),
         pictures=list(_pictures(Results(folder, series))),
         tables=_tables(folder, series),
-        timings=records.timing_rows(provenance),
         runs=runs,
     )
 

@@ -73,11 +73,14 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
 
 def facts(record: Mapping[str, Any]) -> dict[str, str]:
     """Entries of a record about a run, by name, its environment included."""
+    times = (number(cell, "wall_seconds") for cell in cells_of(record))
+    seconds = [time for time in times if not math.isnan(time)]
     return {
         "finished": str(record.get("finished", UNKNOWN)),
         "cells": _counted(cells_of(record)),
         "wall time": (
-            f"{total_seconds(record):.3g} s of all cells together, {record['jobs']} side by side"
+            f"{sum(seconds):.3g} s of all cells together, {max(seconds, default=0):.3g} s of the "
+            f"slowest, {record['jobs']} side by side"
             if "jobs" in record
             else UNKNOWN
         ),
@@ -110,22 +113,6 @@ def cell_rows(record: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def timing_rows(by_study: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, ...]]:
-    """Rows of the table of studies, headings first, from their records, empty ones among them."""
-    rows: list[tuple[str, ...]] = [
-        ("study", "cells", "wall time of all (s)", "slowest cell (s)", "side by side")
-    ]
-    for study, record in by_study.items():
-        cells = cells_of(record)
-        slowest = max((seconds(c) for c in cells if not math.isnan(seconds(c))), default=math.nan)
-        times = "", ""
-        if not math.isnan(slowest):
-            times = f"{total_seconds(record):.3g}", f"{slowest:.3g}"
-        ended = _counted(cells) if record else UNKNOWN
-        rows.append((study, ended, *times, str(record.get("jobs", ""))))
-    return rows
-
-
 def description(record: Mapping[str, Any]) -> str:
     """The config's description of the study in one line; empty if there is none."""
     return str(mapping(record, "config").get("description") or "")
@@ -150,16 +137,6 @@ def number(cell: Mapping[str, Any], key: str) -> float:
     """A number of a cell; NaN where it is not recorded."""
     value = cell.get(key)
     return float(value) if isinstance(value, int | float) else math.nan
-
-
-def seconds(cell: Mapping[str, Any]) -> float:
-    """Wall time of a cell (s); NaN where it is not recorded."""
-    return number(cell, "wall_seconds")
-
-
-def total_seconds(record: Mapping[str, Any]) -> float:
-    """Wall time of all cells together (s)."""
-    return sum(seconds(cell) for cell in cells_of(record) if not math.isnan(seconds(cell)))
 
 
 def as_text(record: Mapping[str, Any]) -> str:
