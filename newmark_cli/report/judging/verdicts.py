@@ -3,6 +3,10 @@
 Every point has an uncertainty, which is measured.  A weighted fit of the points that
 rounding does not rule gives a slope with an interval, and the verdict is where that
 interval is: within the tolerance of the predicted order, outside it, or neither.
+
+Beside the interval the rule knows what a series of the bench needs (`tests/verification`): that
+coarse step sizes may be left out, three shares of rounding, singular motions, and of errors that
+they are small and do not fall faster than predicted (near-change-point).
 """
 
 import math
