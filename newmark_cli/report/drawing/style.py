@@ -1,7 +1,6 @@
 """One style for all figures, whatever the user's settings are, and how they are written."""
 
 import io
-import logging
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -66,27 +65,19 @@ def settled(*settings: Mapping[str, Any]) -> Iterator[None]:
 
 def read(path: Path) -> dict[str, Any]:
     """Settings of a style file of matplotlib, without those that are not a matter of style."""
-    logged: list[str] = []
-    listener = logging.Handler()
-    listener.emit = lambda record: logged.append(record.getMessage())  # type: ignore[method-assign]
-    logger = logging.getLogger("matplotlib")
-    before = logger.propagate
-    logger.addHandler(listener)
-    logger.propagate = False
     try:
         # matplotlib would look for a name that is no file on the network, and wait for a pipe
-        files.read(Path(os.path.realpath(path)), 1 << 20)
+        content = files.read(Path(os.path.realpath(path)), 1 << 20)
+        for line in content.decode().splitlines():
+            key = line.partition("#")[0].partition(":")[0].strip()
+            if key and key not in mpl.rcParams:  # of which matplotlib only warns
+                raise ValueError(f"unknown setting {key!r}")
         settings = mpl.rc_params_from_file(path, fail_on_error=True, use_default_template=False)
     except OSError as error:
         raise InputError(f"--style {path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"--style {path}: not a style of matplotlib: {error}") from None
-    finally:
-        logger.removeHandler(listener)
-        logger.propagate = before
-    if logged:
-        reason = " ".join(logged[0].split())
-        raise InputError(f"--style {path}: not a style of matplotlib: {reason}")
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"--style {path}: not a style of matplotlib: {reason}") from None
     return {key: value for key, value in settings.items() if key not in _NOT_STYLE}
 
 
