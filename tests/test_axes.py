@@ -125,7 +125,7 @@ REPEAT = (
         initial="1",
         since=(6, 6),
         config=lambda keys: keys.OneOrMore[str],
-        default=("1",),
+        default="1",
         about="names of repetitions",
     )
     stop: Tolerance | None = axis(

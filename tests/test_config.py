@@ -129,7 +129,6 @@ MISTAKES = [
         7,
         "evaluation: compensated needs",
     ),
-    ("form: u-lambda", "form: bogus\ncases: [{form: u-lambda}]", 3, "unknown form 'bogus'"),
     (
         "t_end: 1.0",
         "t_end: 1\nlinear_solver: [dense-lu, auto]",

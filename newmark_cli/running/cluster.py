@@ -9,7 +9,6 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from typing import Any
 
@@ -122,7 +121,7 @@ def cluster(
         if address is not None and not client.nthreads():
             on_wait(f"waiting for workers: the dask scheduler at {address} has none")
         run = uuid.uuid4().hex
-        here = _Core(core(), versions(), registry.digest())
+        here = core(), versions(), registry.digest()
 
         def submit(name: int, attempt: str, priority: int) -> Any:
             task = tasks[name]
@@ -166,25 +165,15 @@ def _only_own_imports() -> Iterator[dict[str, str]]:
         os.environ.update(environment)
 
 
-@dataclass(frozen=True)
-class _Core:
-    """Sources of the numbers; see `newmark_cli.running.store`."""
-
-    digest: str  #: of the numerical core
-    versions: Mapping[str, str]  #: of what it computes with
-    shipped: str  #: digest of the shipped mechanisms, which travel by their names
-
-
-def _perform(task: Task, timeout: float | None, wanted: _Core) -> Done:
+def _perform(task: Task, timeout: float | None, wanted: tuple[str, Mapping[str, str], str]) -> Done:
     """Run a cell on a worker, which must have the same code as the process that submits it."""
     there = versions()
-    if _Core(core(), there, registry.digest()) != wanted:
+    if (core(), there, registry.digest()) != wanted:
         import distributed
 
-        same = "numerical core" if core() != wanted.digest else "set of shipped mechanisms"
+        same = "numerical core" if core() != wanted[0] else "set of shipped mechanisms"
         others = [
-            f"{name} {there[name]}, here {wanted.versions[name]}"
-            for name in unlike(there, wanted.versions)
+            f"{name} {there[name]}, here {wanted[1][name]}" for name in unlike(there, wanted[1])
         ]
         raise ExecutorError(
             f"the dask worker at {distributed.get_worker().address} computes with another "

@@ -10,12 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from newmark_cli.mechanisms.spec import Code, MechanismFile, ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
-from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
 from newmark_cli.running import executors
 from newmark_cli.running.executors import Execution, Task
@@ -145,9 +142,6 @@ def run_studies(
             _looked_after(entry, references, store)
             for entry in plan(studies, folder, options.force)
         ]
-        to_run = [entry for entry in planned if entry.done is None]
-        for entry in to_run:
-            store.require_replaceable(entry.cell)
         watcher.planned(planned)
         open_runs = _OpenRuns(studies, folder, options, planned)
         for i, entry in enumerate(planned):
@@ -403,11 +397,6 @@ def _of_problems(cells: Sequence[Cell], timeout: float | None) -> dict[str, dict
 
 def _facts(spec: ProblemSpec, t_end: float, h: float, timeout: float | None) -> motion.Facts:
     try:
-        return with_problem(spec, _quiet_facts, t_end, h, timeout=timeout)
+        return with_problem(spec, motion.facts, t_end, h, timeout=timeout)
     except apart.ApartError:  # the status of the cells says why
         return motion.Facts()
-
-
-def _quiet_facts(problem: Problem, t_end: float, h: float) -> motion.Facts:
-    with np.errstate(all="ignore"):
-        return motion.facts(problem, t_end, h)

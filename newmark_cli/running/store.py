@@ -60,20 +60,15 @@ class Store:
         """Make the folder; raises `ResultsError` when it cannot be made."""
         files.make_folder(self._folder, self._results)
 
-    def require_replaceable(self, cell: Cell) -> None:
-        """Refuse a folder in the place of a cell before it is computed."""
-        files.require_replaceable(self._folder / _key(cell).file)
-
     def find(self, cell: Cell) -> Done | None:
         """The kept cell; None if it is not there or cannot be used."""
         done = _done(self._read(_key(cell)))
         return done if done and done.outcome.status != "failed" else None
 
     def keep(self, cell: Cell, done: Done) -> None:
-        """Keep a cell that has ended, atomically; never in place of a better one."""
-        key = _key(cell)
-        before = self.find(cell)
-        if before is not None and _worth(done) < _worth(before):
+        """Keep a cell that has ended, but for one that failed or lacks more than what is kept."""
+        key, before, ended = _key(cell), self.find(cell), done.outcome
+        if before and (ended.status == "failed" or (ended.lacks and not before.outcome.lacks)):
             return
         record = {
             "cell": axes.computed(cell),
@@ -128,15 +123,6 @@ def _done(record: Mapping[str, Any]) -> Done | None:
         return _adapter().validate_python(record)
     except ValueError:
         return None
-
-
-def _worth(done: Done | None) -> int:
-    """Rank of a result: missing, failed, lacking a reference, complete."""
-    if done is None:
-        return 0
-    if done.outcome.status == "failed":
-        return 1
-    return 2 if done.outcome.lacks else 3
 
 
 def _key(cell: Cell) -> _Key:

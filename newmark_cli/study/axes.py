@@ -15,7 +15,7 @@ from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli.newmark.forms import FORMS, INDEX_3, Form
+from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
     CONSTRAINTS,
@@ -26,7 +26,12 @@ from newmark_cli.newmark.formulation import (
     is_formulated,
     reported,
 )
-from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
+from newmark_cli.newmark.integrator import (
+    RESCALE_VELOCITY,
+    TRAPEZOIDAL_NAME,
+    Integrator,
+    Newmark,
+)
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, Krylov, choose
 from newmark_cli.newmark.scaling import Preconditioning, canonical
@@ -95,8 +100,7 @@ class Axis:
         """How CSVs spell the values that a case has along the axis."""
         listed = getattr(case, self.name)
         for item in listed if self.many else (listed,):
-            value = self.value(item)
-            yield getattr(value, "label", value)
+            yield _labelled(self.value(item))
 
 
 def axis(
@@ -108,10 +112,15 @@ def axis(
         title: As of the axis; its name when omitted.
         write: As of the axis; the attribute's value as it is when omitted.
         compare: Whether cells that differ in it are different cells.
-        rest: Further attributes of the axis.
+        rest: Further attributes of the axis; `initial`, its value in a cell that is not given one,
+            is its usual and default value, too, unless these are given.
     """
     initial = rest.pop("initial", ...)
     options: dict[str, Any] = {} if initial is ... else {"default": initial}
+    if options and rest.get("many", True):
+        rest = {"usual": _labelled(initial), "default": _labelled(initial), **rest}
+    elif options:
+        rest = {"default": initial, **rest}
     return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
 
 
@@ -125,9 +134,13 @@ def _axes(of: type) -> tuple[Axis, ...]:
 
 
 def _axis(name: str, declared: dict[str, Any]) -> Axis:
-    write = declared.pop("write") or (lambda owner: getattr(owner, name))
-    title = declared.pop("title") or name
-    return Axis(name, title, write, **declared)
+    title, write = declared.pop("title") or name, declared.pop("write")
+    return Axis(name, title, write or (lambda owner: _labelled(getattr(owner, name))), **declared)
+
+
+def _labelled(value: Any) -> Any:
+    """A value as CSVs spell it."""
+    return getattr(value, "label", value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,18 +148,16 @@ class Cell:
     """One cell's computation; steps = 0 measures at the consistent initial state."""
 
     problem: "ProblemSpec" = axis(
-        write=lambda cell: cell.problem.label,
         since=(0, 1),
         config=lambda keys: keys.Problems,
         about="name of a problem, mechanism file, family with its size, Python factory, or a list",
         shows="the problem, as the config names it",
     )
     integrator: Integrator = axis(
-        write=lambda cell: cell.integrator.label,
         usual=TRAPEZOIDAL,
         since=(0, 1),
         config=lambda keys: keys.Integrators,
-        default=lambda keys: (keys.IntegratorConfig(),),
+        default=TRAPEZOIDAL_NAME,
         about="an integrator or a list; default: trapezoidal",
         shows="method and parameters",
     )
@@ -158,7 +169,6 @@ class Cell:
         shows="the form, by the unknowns that it keeps",
     )
     preconditioning: Preconditioning = axis(
-        write=lambda cell: cell.preconditioning.label,
         same=cache(canonical),
         since=(0, 0),
         inner=True,
@@ -169,20 +179,16 @@ class Cell:
         value=lambda given: Preconditioning(given) if isinstance(given, str) else given.value(),
     )
     evaluation: str = axis(
-        usual=DIRECT,
         initial=DIRECT,
         since=(0, 2),
         config=lambda keys: keys.Evaluations,
-        default=(DIRECT,),
         about="in the unknowns themselves, or in compensated increments",
         shows="how residuals are evaluated: `direct` or `compensated`",
     )
     precision: str = axis(
-        usual="float64",
         initial="float64",
         since=(0, 2),
         config=lambda keys: keys.Precisions,
-        default=("float64",),
         about="arithmetic of the march",
     )
     linear_solver: str = axis(
@@ -192,29 +198,22 @@ class Cell:
         initial=AUTO,
         since=(0, 2),
         config=lambda keys: keys.LinearSolvers,
-        default=(AUTO,),
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
         "with `static-lu` up to 300 unknowns, else estimated in the 1-norm; last bits are the same "
         "on every processor but with `sparse-lu`",
     )
     formulation: Formulation = axis(
-        write=lambda cell: cell.formulation.label,
-        usual=INDEX_3,
         initial=CONSTRAINTS,
         since=(4, 4),
         config=lambda keys: keys.Formulations,
-        default=lambda keys: (keys.FormulationConfig(),),
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
     projection: Projection = axis(
-        write=lambda cell: cell.projection.label,
-        usual=UNPROJECTED.label,
         initial=UNPROJECTED,
         since=(4, 4),
         config=lambda keys: keys.Projections,
-        default=lambda keys: (keys.ProjectionConfig(),),
         about="what is projected after each step, a name or a mapping, or a list",
         shows="what is projected after each step",
     )
@@ -224,16 +223,13 @@ class Cell:
         initial=AUTO,
         since=(4, 4),
         config=lambda keys: keys.Reported,
-        default=(AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
     )
     start: str = axis(
-        usual=CONSISTENT,
         initial=CONSISTENT,
         since=(4, 4),
         config=lambda keys: keys.Starts,
-        default=(CONSISTENT,),
         about="velocities that the march starts from",
     )
     stop: Tolerance | None = axis(
@@ -243,7 +239,6 @@ class Cell:
         since=(2, 2),
         many=False,
         config=lambda keys: keys.Stop,
-        default=None,
         about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
         "field, or on the residual; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "
@@ -251,24 +246,19 @@ class Cell:
     )
     h_sequence: StepSequence = axis(
         "step sizes",
-        write=lambda cell: cell.h_sequence.label,
-        usual=CONSTANT.label,
         initial=CONSTANT,
         since=(6, 4),
         rare=True,
         config=lambda keys: keys.Sequences,
-        default=lambda keys: (keys.SequenceConfig(),),
         about="how the step size varies along the march, in multiples of h; default: constant",
         shows="how the step size varies: `constant`, `change 0.5 at 0.5` (once, at a time in s), "
         "`alternate 1.0 0.5 every 5`, `random 0.5 2.0 seed 1`, all in multiples of `h`",
     )
     auxiliary: str = axis(
-        usual=RESCALE_VELOCITY,
         initial=RESCALE_VELOCITY,
         since=(6, 4),
         rare=True,
         config=lambda keys: keys.Auxiliary,
-        default=(RESCALE_VELOCITY,),
         about="what becomes of the integrator's past where the step size changes",
     )
     h: float = axis(
@@ -304,14 +294,12 @@ class Cell:
         column=False,
         initial=50,
         config=lambda keys: keys.Count,
-        default=50,
     )
     samples: int = setting(
         "most steps at which J is evaluated for condition and sensitivity",
         column=False,
         initial=32,
         config=lambda keys: keys.Count,
-        default=32,
     )
     twins: int = setting(
         "marches from starts one unit in the last place away, by which the rounding of errors, "
@@ -333,7 +321,6 @@ class Cell:
         column=False,
         initial=None,
         config=lambda keys: keys.TrajectoryConfig | None,
-        default=None,
     )
     accept: tuple[str, ...] = setting(
         "statuses that cells may end with and not count as failed; not_converging, for series",
@@ -342,7 +329,6 @@ class Cell:
         compare=False,
         initial=(),
         config=lambda keys: keys.Accepted,
-        default=(),
     )
 
     @property

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from itertools import chain, product, starmap
 from pathlib import Path
@@ -269,7 +268,7 @@ def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
     assert axis.config is not None
     default = axis.default(keys) if callable(axis.default) else axis.default
-    return axis.config(keys), Field(default, description=axis.about)
+    return axis.config(keys), Field(default, description=axis.about, validate_default=axis.many)
 
 
 if TYPE_CHECKING:
@@ -287,17 +286,6 @@ _AS_GIVEN = [
     for axis in axes.cell_axes()
     if not axis.cell and axis.name not in ("t_end", "steps", "krylov", "trajectory", "twins")
 ]
-
-
-def _optional(field: FieldInfo) -> tuple[Any, FieldInfo]:
-    optional = copy(field)
-    optional.default, optional.default_factory = None, None
-    return field.annotation, optional
-
-
-#: Keys of a case that stand at the top, each looked at on its own.
-_SHARED_KEYS: dict[str, Any] = {name: _optional(field) for name, field in Case.model_fields.items()}
-_Shared = create_model("_Shared", __base__=StrictModel, **_SHARED_KEYS)
 
 
 class Study(StrictModel):
@@ -372,13 +360,6 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
             entries = []
         if len(entries) > MOST_CASES:
             raise document.error(("cases",), f"at most {MOST_CASES} cases, given {len(entries)}")
-        # Also what every case replaces: a mistake is a mistake where nobody looks.
-        try:
-            documents.validate(document, _Shared, shared, context=around)
-        except DocumentError as error:
-            mistakes.note(error)
-            wrong = {str(mistake.path[0]) for mistake in error.mistakes if mistake.path}
-            shared |= dict.fromkeys(wrong & shared.keys(), documents.REPORTED)
     cases = _cases(document, shared, entries, around, mistakes)
     with mistakes.gathered():
         named = {**head, "cases": [*cases.values()]}

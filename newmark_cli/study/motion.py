@@ -17,6 +17,7 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.trajectory import Recorder
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
+from newmark_cli.study.measures import sample_steps
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
 
@@ -98,7 +99,7 @@ def _marched(
             march = March(problem, _scheme(integrator, h))
             recorder = Recorder(march, most=frames)
             recorder.keep_here()
-            for stretch in march.stretches(steps, looks=_spread(steps, frames)):
+            for stretch in march.stretches(steps, looks=sample_steps(steps, frames - 1).tolist()):
                 recorder.took(stretch)
                 failed = march.ending != COMPLETED or not recorder.finite
                 if failed or np.any(stretch.iterations < 0):
@@ -125,12 +126,6 @@ def _scheme(integrator: Integrator, h: float) -> Scheme:
     return Scheme(integrator, form, named_scaling("optimal", form), h)
 
 
-def _spread(steps: int, looks: int) -> list[int]:
-    """Evenly spread steps after the start, ending with the last."""
-    spread = np.unique(np.round(np.linspace(0, steps, looks)).astype(int))
-    return [step for step in spread.tolist() if step > 0]
-
-
 @dataclass(frozen=True)
 class Facts:
     """Facts of a motion that a verdict needs."""
@@ -146,6 +141,7 @@ _LOOK_STEPS, _LOOKS = 20_000, 400
 _STILL = 1e-9
 
 
+@np.errstate(all="ignore")
 def facts(problem: Problem, t_end: float, h: float) -> Facts:
     """Singular positions that a motion passes, and whether it moves at all.
 
@@ -158,7 +154,7 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
     try:
         march = March(problem, _scheme(DAMPED, t_end / steps))
         recorder = Recorder(march, keep=("u", "v"), most=_LOOKS)
-        for stretch in march.stretches(steps, looks=_spread(steps, _LOOKS)):
+        for stretch in march.stretches(steps, looks=sample_steps(steps, _LOOKS - 1).tolist()):
             recorder.took(stretch)
         seen = recorder.trajectory()
         gradients = singular.gradients(problem, seen.t, seen.u)
