@@ -420,7 +420,7 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, lack
     assert back.outcome.lacks == lacks
     for text in (
         lambda one: results.csv_text(results.COLUMNS, results.rows("s", [cell], [one])),
-        lambda one: trajectories.table("s", [cell], [one]).csv(),
+        lambda one: trajectories.csv(trajectories.table("s", [cell], [one])),
     ):
         assert text(back.outcome) == text(outcome)
 

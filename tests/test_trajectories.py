@@ -66,8 +66,8 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     monkeypatch.setattr("newmark_cli.study.measures.errors", errors)
     (cell,) = config.load(path).cells()
     outcome = compute.compute(cell)
-    table = trajectories.table("one", [cell], [outcome])
-    rows = list(csv.DictReader(io.StringIO(table.csv())))
+    table = trajectories.csv(trajectories.table("one", [cell], [outcome]))
+    rows = list(csv.DictReader(io.StringIO(table)))
     how = {"form": "v-lambda", "scaling": "left", "integrator": "generalized-alpha rho=0.9"}
     whole = newmark.march(name, h=h, steps=40, every=7, **how)
     assert [int(row["step"]) for row in rows] == [0, 7, 14, 21, 28, 35, 40]
@@ -79,7 +79,7 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     assert [value for name, value in last.items() if not name.startswith(follows)] == fields
     cli.write("one.yaml", study.replace("[trajectory, error]", "trajectory"))
     cli("run", "one.yaml")
-    assert (cli.folder / "results/trajectory/one.csv").read_text() == table.csv()
+    assert (cli.folder / "results/trajectory/one.csv").read_text() == table
 
 
 @each("given, how, keep", [

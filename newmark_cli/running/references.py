@@ -8,7 +8,6 @@ match, the reference is computed again.
 
 import hashlib
 import re
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ Solve = Callable[[ProblemSpec, float], Reference]
 
 
 class References:
-    """References that share a results folder; threads may share this object.
+    """References that share a results folder.
 
     What could not be computed is remembered as long as the object lives, and not on
     disk: the next run, which may have more time, tries again.
@@ -43,8 +42,6 @@ class References:
         """
         self._results, self._folder = folder, folder / "references"
         self._solve, self._anew = solve, anew
-        self._guard = threading.Lock()
-        self._locks: dict[str, threading.Lock] = {}
         self._solved: dict[str, Reference | NoReference] = {}
 
     def of(self, spec: ProblemSpec, t: float) -> Reference:
@@ -63,15 +60,12 @@ class References:
                 return known
         problem = spec.load()
         content = digest(problem, t)
-        with self._guard:
-            lock = self._locks.setdefault(content, threading.Lock())
-        with lock:
-            if content not in self._solved:
-                try:
-                    self._solved[content] = self._stored(spec, problem, t, content)
-                except NoReference as error:
-                    self._solved[content] = error
-            solved = self._solved[content]
+        if content not in self._solved:
+            try:
+                self._solved[content] = self._stored(spec, problem, t, content)
+            except NoReference as error:
+                self._solved[content] = error
+        solved = self._solved[content]
         if isinstance(solved, NoReference):
             raise NoReference(str(solved))
         return solved

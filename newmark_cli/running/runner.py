@@ -344,9 +344,10 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
     table = results.rows(study.study, cells, outcomes)
     columns = present(results.COLUMNS, table)
     texts: dict[Path, str | bytes] = {path: results.csv_text(columns, table)}
-    if kept := trajectories.table(study.study, cells, outcomes):
+    kept = trajectories.table(study.study, cells, outcomes)
+    if kept is not None:
         file = results.trajectory_path(folder, study.study, parquet=options.parquet)
-        texts[file] = kept.parquet() if options.parquet else kept.csv()
+        texts[file] = trajectories.parquet(kept) if options.parquet else trajectories.csv(kept)
     checksums = {
         file.relative_to(folder).as_posix(): provenance.checksum(text)
         for file, text in texts.items()

@@ -308,27 +308,17 @@ def _scaling_of(key: SeriesKey) -> Scaling:
     return Preconditioning.parse(key.preconditioning).scaling(_form_of(key))
 
 
-def _march_of(key: SeriesKey) -> Marched:
-    return _marched(
-        key.integrator, key.formulation, key.projection, key.multipliers, key.start,
-        key.evaluation, key.h_sequence, key.auxiliary,
-    )  # fmt: skip
-
-
 @cache
-def _marched(
-    integrators: str, formulation: str, projection: str, reported: str, start: str,
-    evaluation: str, sequence: str, auxiliary: str,
-) -> Marched:  # fmt: skip
+def _march_of(key: SeriesKey) -> Marched:
     return Marched(
-        integrator.parse(integrators),
-        Formulation.parse(formulation),
-        Projection.parse(projection),
-        reported,
-        start,
-        evaluation == COMPENSATED,
-        steps.parse(sequence),
-        auxiliary,
+        integrator.parse(key.integrator),
+        Formulation.parse(key.formulation),
+        Projection.parse(key.projection),
+        key.multipliers,
+        key.start,
+        key.evaluation == COMPENSATED,
+        steps.parse(key.h_sequence),
+        key.auxiliary,
     )
 
 

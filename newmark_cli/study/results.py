@@ -172,7 +172,7 @@ def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
     for row in table:
-        writer.writerow([_spell(row.get(column)) for column in columns])
+        writer.writerow([spelled(row.get(column)) for column in columns])
     return file.getvalue()
 
 
@@ -189,7 +189,8 @@ def parse_csv(text: str) -> tuple[list[list[str]], list[int]]:
     return rows, begins
 
 
-def _spell(value: Any) -> str:
+def spelled(value: Any) -> str:
+    """A value in a CSV."""
     if value is None or value != value:
         return ""
     if isinstance(value, float):

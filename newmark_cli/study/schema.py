@@ -37,20 +37,16 @@ def config_schema() -> JsonSchema:
     return _titled(written, "Study config of newmark-study")
 
 
-def mechanism_schema() -> JsonSchema:
-    """Of planar mechanism files."""
-    written = Mechanism.model_json_schema()
-    return _titled(written, "Mechanism file of newmark-study")
-
-
-def spatial_schema() -> JsonSchema:
-    """Of spatial mechanism files."""
-    written = SpatialMechanism.model_json_schema()
-    return _titled(written, "Spatial mechanism file of newmark-study")
-
-
 SCHEMAS: Mapping[str, Callable[[], JsonSchema]] = MappingProxyType(
-    {"config": config_schema, "mechanism": mechanism_schema, "spatial": spatial_schema}
+    {
+        "config": config_schema,
+        "mechanism": lambda: _titled(
+            Mechanism.model_json_schema(), "Mechanism file of newmark-study"
+        ),
+        "spatial": lambda: _titled(
+            SpatialMechanism.model_json_schema(), "Spatial mechanism file of newmark-study"
+        ),
+    }
 )
 
 

@@ -8,10 +8,9 @@ would repeat what tells a cell from others for every number.
 """
 
 import io
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,7 +24,8 @@ from newmark_cli.support.errors import InputError, ResultsError
 if TYPE_CHECKING:
     import pandas as pd
 
-_TEXTS = frozenset((*HISTORY_COLUMNS, *HISTORY_MAY_HAVE)) - {"h", "step", "t"}
+_LABELS = frozenset((*HISTORY_COLUMNS, *HISTORY_MAY_HAVE))
+_TEXTS = _LABELS - {"h", "step", "t"}
 
 
 def require_parquet() -> None:
@@ -38,66 +38,34 @@ def require_parquet() -> None:
         ) from None
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Trajectories that the cells of a study kept."""
-
-    study: str  #: its name
-    columns: Sequence[str]  #: of the file, in their order
-    #: what tells each cell from others, and what it kept
-    parts: Sequence[tuple[dict[str, Any], Outcome]]
-
-    def csv(self) -> str:
-        """As a CSV whose floats read back to the same bits."""
-        return results.csv_text(self.columns, self._rows())
-
-    def _rows(self) -> Iterator[dict[str, Any]]:
-        # Row by row: there may be millions of values.
-        for label, outcome in self.parts:
-            names = tuple(outcome.trajectory)
-            lists = (values.tolist() for values in outcome.trajectory.values())
-            for values in zip(*lists, strict=True):
-                yield {"study": self.study, **label, **dict(zip(names, values, strict=True))}
-
-    def parquet(self) -> bytes:
-        """In Parquet; what is missing is null."""
-        import pyarrow as pa
-        from pyarrow import parquet
-
-        parts = []
-        for label, outcome in self.parts:
-            texts = {"study": self.study, **label}
-            kept = len(outcome.trajectory["step"])
-            arrays = {}
-            for name in self.columns:
-                if name in outcome.trajectory:
-                    arrays[name] = pa.array(outcome.trajectory[name])
-                elif name in texts:
-                    kind = pa.float64() if name == "h" else pa.string()
-                    arrays[name] = pa.array([texts[name]] * kept, kind)
-                else:
-                    arrays[name] = pa.nulls(kept, pa.float64())
-            parts.append(pa.table(arrays))
-        sink = io.BytesIO()
-        parquet.write_table(pa.concat_tables(parts), sink)
-        return sink.getvalue()
-
-
-def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> Table | None:
-    """Trajectories of cells; None if they kept nothing."""
-    parts = [
-        (axes.labels(cell), outcome)
-        for cell, outcome in zip(cells, outcomes, strict=True)
-        if outcome.trajectory
-    ]
+def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> "pd.DataFrame | None":
+    """Trajectories of cells, NaN where a problem lacks a component; None if they kept nothing."""
+    labels, parts = [], []
+    for cell, outcome in zip(cells, outcomes, strict=True):
+        if outcome.trajectory:
+            labels.append(axes.labels(cell))
+            parts.append({"study": study, **labels[-1], **outcome.trajectory})
     if not parts:
         return None
-    components = dict.fromkeys(
-        name for _, outcome in parts for name in outcome.trajectory if name not in ("step", "t")
-    )
+    import pandas as pd
+
+    components = dict.fromkeys(name for part in parts for name in part if name not in _LABELS)
     ordered = sorted(components, key=lambda name: KEEPABLE.index(name.partition("[")[0]))
-    varying = results.told_apart([label for label, _ in parts])
-    return Table(study, (*HISTORY_COLUMNS, *varying, *ordered), parts)
+    frame = pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+    return frame[[*HISTORY_COLUMNS, *results.told_apart(labels), *ordered]]
+
+
+def csv(frame: "pd.DataFrame") -> str:
+    """A table as a CSV whose floats read back to the same bits."""
+    texts = {name: frame[name].map(results.spelled) for name in frame.columns if name in _TEXTS}
+    return str(frame.assign(**texts).to_csv(index=False, lineterminator="\n"))
+
+
+def parquet(frame: "pd.DataFrame") -> bytes:
+    """A table in Parquet; what is missing is null."""
+    sink = io.BytesIO()
+    frame.to_parquet(sink, engine="pyarrow", index=False)
+    return sink.getvalue()
 
 
 def read(folder: Path, study: str) -> "pd.DataFrame":
@@ -112,14 +80,14 @@ def read(folder: Path, study: str) -> "pd.DataFrame":
     """
     path = folder / f"{study}.csv"
     contents = results.read(path, series=True)
-    csv, parquet = (results.trajectory_path(folder, study, kind) for kind in (False, True))
-    if isinstance(contents[csv], FileNotFoundError):
-        if isinstance(contents[parquet], FileNotFoundError):
+    text, binary = (results.trajectory_path(folder, study, kind) for kind in (False, True))
+    if isinstance(contents[text], FileNotFoundError):
+        if isinstance(contents[binary], FileNotFoundError):
             raise ResultsError(
-                f"{csv}: no trajectories of {study!r}; run it with 'measure: trajectory'"
+                f"{text}: no trajectories of {study!r}; run it with 'measure: trajectory'"
             )
-        return _read_parquet(parquet, contents[parquet])
-    return parse(csv, contents[csv])
+        return _read_parquet(binary, contents[binary])
+    return parse(text, contents[text])
 
 
 def parse(path: Path, content: bytes | OSError) -> "pd.DataFrame":
