@@ -122,6 +122,8 @@ MISTAKES = [
         7,
         "take test: residual",
     ),
+    ("t_end: 1.0", "t_end: 1\nmeasure: history", 7, "it is gone: take measure: trajectory and"),
+    ("t_end: 1.0", "t_end: 1\nmeasure: drift", 7, "trajectory: {keep: drift}"),
     ("t_end: 1.0", "t_end: 1\nmeasure: tolerance", 7, "tolerance needs 'stop'"),
     (
         "t_end: 1.0",
