@@ -2,6 +2,7 @@
 
 import json
 import runpy
+from functools import partial
 from pathlib import Path
 
 import mpmath
@@ -18,7 +19,7 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.advice import advising, linearised
 from newmark_cli.advice.advising import Equilibration
-from newmark_cli.library.scalings import formulation_of, integrator_of, preconditioning_of
+from newmark_cli.library.scalings import integrator_of, scheme_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.jacobian import scaling_factors
@@ -536,9 +537,9 @@ def test_studies_and_python_problems_are_subjects(cli, advise_cli):
 
 def schemes_of(form, integrator="newmark", scaling="optimal"):
     """What advice is about, but for the step size."""
-    return advising._Schemes(
-        form, integrator_of(integrator), formulation_of(INDEX_3), "direct",
-        preconditioning_of(scaling, "scaling"), "float64",
+    return partial(
+        scheme_of, form=form, integrator=integrator_of(integrator), formulation=INDEX_3,
+        scaling=scaling, evaluation="direct", precision="float64",
     )  # fmt: skip
 
 
@@ -623,7 +624,7 @@ def test_an_inverse_is_not_taken_for_a_jacobian(scaling, form, mechanism):
     problem = newmark.problem(mechanism())
     about = linearised.Subject(problem, [problem], "", [])
     for h in (1e-1, 1e-5):
-        scheme = schemes_of(form, scaling=scaling).at(h)
+        scheme = schemes_of(form, scaling=scaling)(h=h)
         counts = scheme.form.sizes(problem.n, problem.m)
         left, right = scaling_factors(scheme, problem.n, problem.m)
         jacobian = left[:, None] * about.jacobian(scheme) * right

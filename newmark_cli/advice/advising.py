@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Any
 
@@ -19,6 +19,7 @@ from newmark_cli.library.scalings import (
     formulation_of,
     integrator_or_newmark,
     preconditioning_of,
+    scheme_of,
 )
 from newmark_cli.library.scalings import (
     scaling as factors_of,
@@ -27,13 +28,12 @@ from newmark_cli.library.stepping import FEWEST, unstable
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes, equilibrium
 from newmark_cli.newmark.floor import Floor, unpredicted
 from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.formulation import Formulation
-from newmark_cli.newmark.integrator import NEW_W, TRUE_ACCELERATION, Integrator
+from newmark_cli.newmark.integrator import NEW_W, TRUE_ACCELERATION
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
-from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Scheme
+from newmark_cli.newmark.scheme import DIRECT, PRECISIONS, Scheme
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
 
@@ -45,6 +45,8 @@ FRACTIONS = (0.01, 1.0)
 _MOST_COMPARED = 150
 #: Times the motion that is looked at, and steps at most, that energy has to grow in.
 _LONGER, _MOST_STEPS = 10, 5_000
+#: Makes a scheme from its step size and, if another, its form, scaling or precision.
+_Schemes = partial[Scheme]
 #: Step sizes (s) at which the noise of λ is predicted; it follows powers of h between them.
 _GRID = np.array([1e-1, 1e-3, 1e-6, 1e-9])
 
@@ -243,49 +245,47 @@ def advise(
     method = integrator_or_newmark(beta, gamma, integrator)
     chosen = formulation_of(formulation)
     about = subject_of(subject, None if t_end is None else arguments.positive("t_end", t_end))
-    schemes = _Schemes(
-        arguments.one_of("form", form, FORMS),
-        method,
-        chosen,
-        arguments.one_of("evaluation", evaluation, EVALUATIONS),
-        preconditioning_of(scaling, "scaling"),
-        arguments.one_of("precision", precision, PRECISIONS),
-    )
+    variant = preconditioning_of(scaling, "scaling")
+    schemes = partial(
+        scheme_of, form=form, integrator=method, formulation=chosen, scaling=variant,
+        evaluation=evaluation, precision=precision,
+    )  # fmt: skip
+    scheme_at = {step: schemes(h=step) for step in steps}
     require_fit(about, chosen, evaluation)
-    scheme_at = {step: schemes.at(step) for step in steps}
     largest_step, least = scheme_at[steps[0]], scheme_at[steps[-1]]
     tests = Tests.of(
         tolerance, tested, residual_tolerance, residual_tested, largest_step.form.unknowns
     )
-    conditions = {step: _conditions(about, schemes, step) for step in steps}
+    variants = {name: Preconditioning(name) for name in PAPER_VARIANTS} | {variant.label: variant}
+    conditions = {step: _conditions(about, schemes, step, variants) for step in steps}
     condition = {step: by_variant for step, (by_variant, _) in conditions.items()}
     equilibrations = [found for _, found in conditions.values() if found]
     orders = {
         name: form_orders(least.form).condition(one.scaling(least.form))
-        for name, one in schemes.scalings().items()
+        for name, one in variants.items()
     }
     factors = {
         step: factors_of(form, h=step, integrator=method, formulation=chosen) for step in steps
     }
     forms = {
-        name: _conditions(about, replace(schemes, form=name), steps[-1])[0]
+        name: _conditions(about, partial(schemes, form=name), steps[-1], variants)[0]
         for name in (FORMS if about.n + about.m <= _MOST_COMPARED else ())
     }
     noise = _noise(about, schemes)
     floors = {
-        name: {step: about.floors(replace(schemes, precision=name).at(step)) for step in steps}
+        name: {step: about.floors(schemes(h=step, precision=name)) for step in steps}
         for name in PRECISIONS
     }
     why = unpredicted(least)
     if why and tests.tolerances:
         raise ArgumentError(f"a tolerance cannot be judged: {why}")
-    tolerances = tuple(_tolerances(floors, schemes))
+    tolerances = tuple(_tolerances(floors, scheme_at))
     too_coarse = dict.fromkeys(f"{one.h:g}" for one in tolerances if math.isnan(one.scaled))
     findings = [
         *diagnosed(tests, about, scheme_at, floors[precision]),
-        *one_sided(least, orders[schemes.scaling.label], condition[least.h]),
-        *_findings(schemes, orders, forms, noise, equilibrations),
-        *_when_h_changes(schemes),
+        *one_sided(least, orders[variant.label], condition[least.h]),
+        *_findings(least, orders, forms, noise, equilibrations),
+        *_when_h_changes(least),
         *_unstable(about, schemes, steps),
     ]
     if why:
@@ -304,7 +304,7 @@ def advise(
         integrator=method.label,
         formulation=chosen.label,
         evaluation=evaluation,
-        scaling=schemes.scaling.label,
+        scaling=variant.label,
         condition=condition,
         orders=orders,
         factors=factors,
@@ -318,30 +318,6 @@ def advise(
     )
 
 
-@dataclass(frozen=True)
-class _Schemes:
-    """A scheme but for its step size."""
-
-    form: str
-    integrator: Integrator
-    formulation: Formulation
-    evaluation: str
-    scaling: Preconditioning
-    precision: str
-
-    def at(self, h: float) -> Scheme:
-        form = self.formulation.applied(FORMS[self.form])
-        return Scheme(
-            self.integrator, form, self.scaling.scaling(form), h, evaluation=self.evaluation,
-            precision=self.precision, formulation=self.formulation,
-        )  # fmt: skip
-
-    def scalings(self) -> dict[str, Preconditioning]:
-        """The paper's four variants, and the scaling asked about if it is another."""
-        names = {name: Preconditioning(name) for name in PAPER_VARIANTS}
-        return {**names, self.scaling.label: self.scaling}
-
-
 def _step_sizes(h: Any) -> list[float]:
     """Step sizes, the smallest last."""
     values = np.ravel(h).tolist() if isinstance(h, np.ndarray) else h
@@ -350,18 +326,18 @@ def _step_sizes(h: Any) -> list[float]:
 
 
 def _conditions(
-    about: Subject, schemes: _Schemes, h: float
+    about: Subject, schemes: _Schemes, h: float, variants: Mapping[str, Preconditioning]
 ) -> tuple[dict[str, float], Equilibration | None]:
     """Condition number of each variant, and an equilibration where all of them are large."""
-    scheme = schemes.at(h)
+    scheme = schemes(h=h)
     form, sizes = scheme.form, scheme.form.sizes(about.n, about.m)
     try:
         inverted = Inverted(about.jacobian(scheme), sizes)
     except np.linalg.LinAlgError:
-        return dict.fromkeys(schemes.scalings(), math.inf), None
+        return dict.fromkeys(variants, math.inf), None
     factors = {
-        name: scaling_factors(replace(schemes, scaling=chosen).at(h), about.n, about.m)
-        for name, chosen in schemes.scalings().items()
+        name: scaling_factors(schemes(h=h, scaling=chosen), about.n, about.m)
+        for name, chosen in variants.items()
     }
     condition = {name: inverted.condition(*both) for name, both in factors.items()}
     if not (optimal := condition["optimal"]) > LARGE:
@@ -402,10 +378,9 @@ def _cause(
 
 
 def _tolerances(
-    floors: Mapping[str, Mapping[float, Sequence[Floor]]], schemes: _Schemes
+    floors: Mapping[str, Mapping[float, Sequence[Floor]]], schemes: Mapping[float, Scheme]
 ) -> Iterator[Smallest]:
-    for h in next(iter(floors.values())):
-        scheme = schemes.at(h)
+    for h, scheme in schemes.items():
         for precision, by_step in floors.items():
             for unknown in (*by_step[h][0].scaled, ALL) if by_step[h] else ():
                 scaled, physical = (
@@ -417,14 +392,14 @@ def _tolerances(
 
 def _noise(about: Subject, schemes: _Schemes) -> Noise | None:
     size = about.multipliers
-    if not size or not about.floors(schemes.at(float(_GRID[0])), roughly=True):
+    if not size or not about.floors(schemes(h=float(_GRID[0])), roughly=True):
         return None
 
     def in_one_step(h: float) -> float:
-        of_lambda = [at.physical["lambda"] for at in about.floors(schemes.at(h), roughly=True)]
+        of_lambda = [at.physical["lambda"] for at in about.floors(schemes(h=h), roughly=True)]
         return math.sqrt(np.mean(np.square(of_lambda)))
 
-    carried_on = schemes.formulation.method == INDEX_3
+    carried_on = schemes(h=1.0).formulation.method == INDEX_3
     return Noise(
         _crossings(in_one_step, size),
         _crossings(partial(_carried, about, schemes), size) if carried_on else {},
@@ -432,11 +407,10 @@ def _noise(about: Subject, schemes: _Schemes) -> Noise | None:
 
 
 def _carried(about: Subject, schemes: _Schemes, h: float) -> float:
-    grown = carried(schemes.integrator)
-    if math.isinf(grown):
-        return math.inf
     # The roundings that are carried on are those of Φ, and the same in every form.
-    return grown * about.multiplier_noise(replace(schemes, form="u-lambda").at(h))
+    scheme = schemes(h=h, form="u-lambda")
+    grown = carried(scheme.integrator)
+    return math.inf if math.isinf(grown) else grown * about.multiplier_noise(scheme)
 
 
 def _crossings(noise: Callable[[float], float], size: float) -> dict[float, float | None]:
@@ -480,7 +454,7 @@ def _best(forms: Mapping[str, Mapping[str, float]], variant: str) -> str:
 
 
 def _findings(
-    schemes: _Schemes,
+    scheme: Scheme,
     orders: Mapping[str, float],
     forms: Mapping[str, Mapping[str, float]],
     noise: Noise | None,
@@ -505,10 +479,10 @@ def _findings(
         yield (
             "no scaling changes the noise of λ: it changes the units in which corrections are read"
         )
-        if schemes.formulation.method == INDEX_3:
-            grown = carried(schemes.integrator)
+        if scheme.formulation.method == INDEX_3:
+            grown = carried(scheme.integrator)
             yield (
-                f"{schemes.integrator.label} carries noise of λ on from step to step: "
+                f"{scheme.integrator.label} carries noise of λ on from step to step: "
                 + (
                     "it does not damp it, so that in time it adds up at any h; an error of λ that "
                     "alternates may be there from the start, too"
@@ -535,21 +509,19 @@ def _unstable(about: Subject, schemes: _Schemes, step_sizes: Iterable[float]) ->
             continue
         marched = march(
             about.problem, h=h, t_end=steps * h, steps=True, every=max(steps // (2 * FEWEST), 1),
-            keep=("u", "v"), form=schemes.form, integrator=schemes.integrator,
-            formulation=schemes.formulation, scaling=schemes.scaling,
-            evaluation=schemes.evaluation, precision=schemes.precision,
+            keep=("u", "v"), **schemes.keywords,
         )  # fmt: skip
         deque(marched, maxlen=0)
         if told := unstable(marched.trajectory):
             yield f"h = {h:g}, marched to t = {steps * h:.3g} s: {told}"
 
 
-def _when_h_changes(schemes: _Schemes) -> Iterable[str]:
+def _when_h_changes(scheme: Scheme) -> Iterable[str]:
     """What λ loses after h → h/2 where a code carries its past on, and what avoids it."""
-    integrator, rows = schemes.integrator, schemes.formulation.kind.rows
+    integrator, rows = scheme.integrator, scheme.formulation.kind.rows
     advance = integrator.relations(1.0).advance
     auxiliary = TRUE_ACCELERATION in advance
-    by_position = rows == ("C",) or schemes.formulation.kind.penalised
+    by_position = rows == ("C",) or scheme.formulation.kind.penalised
     if not by_position and not (auxiliary and "Cv" in rows):
         return
     cures = ["a − v' by h_new/h"] if auxiliary else []
