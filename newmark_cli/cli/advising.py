@@ -21,10 +21,6 @@ from newmark_cli.support.errors import ArgumentError, InputError
 if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice
     from newmark_cli.advice.jacobians import JacobianAdvice
-    from newmark_cli.study.axes import Cell
-
-#: Most combinations of problem, form, integrator and formulation of a study.
-_MOST = 40
 
 
 def _numbers(
@@ -193,36 +189,23 @@ def _of_jacobians(
 def _of_subject(
     subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
 ) -> "Iterator[Advice]":
+    """Advice on a problem, or for all schemes of a study."""
     from newmark_cli.study import config
 
-    if config.is_study(subject):
-        yield from _of_study(config.find(subject, allow_code).cells(), subject, steps, options)
-    else:
-        h = _required(steps)
-        yield _called(config.problem_named(subject, allow_code), {**options, "h": h})
-
-
-def _of_study(
-    cells: "list[Cell]", subject: str, steps: tuple[float, ...], options: dict[str, Any]
-) -> "Iterator[Advice]":
-    """Advice for every problem, form, integrator, formulation and evaluation of a study."""
+    if not config.is_study(subject):
+        options = {**options, "h": _required(steps)}
+        spec = config.problem_named(subject, allow_code)
+        yield call_with_problem(spec, _advised, spec.label, options)
+        return
     chosen: dict[tuple[Any, ...], set[float]] = {}
     names = ("problem", "form", "integrator", "formulation", "evaluation")
-    for cell in cells:
+    for cell in config.find(subject, allow_code).cells():
         key = tuple(options.get(name, getattr(cell, name)) for name in names)
         chosen.setdefault(key, set()).add(cell.h)
-    if len(chosen) > _MOST:
-        raise InputError(
-            f"{subject}: {len(chosen)} combinations of problem, form, integrator, formulation and "
-            f"evaluation, at most {_MOST}; choose with --form, --integrator or --formulation"
-        )
-    for key, sizes in chosen.items():
-        how = {**options, **dict(zip(names[1:], key[1:], strict=True))}
-        yield _called(key[0], {**how, "h": [*(steps or sorted(sizes, reverse=True))]})
-
-
-def _called(spec: Any, options: dict[str, Any]) -> Any:
-    return call_with_problem(spec, _advised, spec.label, options)
+    for (spec, *values), sizes in chosen.items():
+        how = {**options, **dict(zip(names[1:], values, strict=True))}
+        how["h"] = [*(steps or sorted(sizes, reverse=True))]
+        yield call_with_problem(spec, _advised, spec.label, how)
 
 
 def _advised(problem: Any, label: str, options: dict[str, Any]) -> Any:
