@@ -169,7 +169,7 @@ def advice(name):
             found = newmark.advise(
                 str(path), h=[1e-4, 1e-6], form="a-lambda", integrator=integrator,
                 formulation=formulation, t_end=t_end,
-            ).noise[0]  # fmt: skip
+            ).noise  # fmt: skip
             known[method] = noise(found)
         return known[method]
 

@@ -130,7 +130,7 @@ def advise(
     allow_code: bool,
     **options: Any,
 ) -> int:
-    """Recommend scaling factors, tolerances and cures for your code.
+    """Recommend scaling factors and tolerances for your code.
 
     SUBJECT is a problem, a mechanism file, a member of a family such as
     'chain(links=20)', a Python problem such as mine.py:factory, or a study.  Nothing

@@ -42,8 +42,7 @@ def noise_of(problem, t_end: float) -> list[float]:
                    for t, u, v in zip(motion.t, motion.u, motion.v, strict=True)]  # fmt: skip
         errors = np.linalg.norm(motion.multipliers - implied, axis=1)
         advice = newmark.advise(problem, h=h, integrator=integrator)
-        (own,) = [one for one in advice.noise if one.cure == ""]
-        predicted = advice.multipliers * (own.carried[1.0] / h) ** 2
+        predicted = advice.multipliers * (advice.noise.carried[1.0] / h) ** 2
         # The start has no noise, and its errors of other kinds die out.
         found.append(float(np.sqrt(np.mean(errors[50:] ** 2))) / predicted)
     return found
