@@ -9,7 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.advice.diagnosing import ALL, SPREAD, Tests, diagnosed, largest, one_sided
+from newmark_cli.advice.diagnosing import (
+    ALL,
+    RESIDUAL_TESTED,
+    SPREAD,
+    TESTED,
+    largest,
+    of_correction,
+    of_residual,
+    one_sided,
+    tolerances_of,
+)
 from newmark_cli.advice.linearised import Subject, require_fit, subject_of
 from newmark_cli.advice.text import plain, sections
 from newmark_cli.library import arguments
@@ -252,10 +262,12 @@ def advise(
     )  # fmt: skip
     scheme_at = {step: schemes(h=step) for step in steps}
     require_fit(about, chosen, evaluation)
-    largest_step, least = scheme_at[steps[0]], scheme_at[steps[-1]]
-    tests = Tests.of(
-        tolerance, tested, residual_tolerance, residual_tested, largest_step.form.unknowns
-    )
+    least = scheme_at[steps[-1]]
+    tests = tolerances_of(tolerance, least.form.unknowns)
+    arguments.one_of("tested", tested, TESTED)
+    arguments.one_of("residual_tested", residual_tested, RESIDUAL_TESTED)
+    if residual_tolerance is not None:
+        arguments.positive("residual_tolerance", residual_tolerance)
     variants = {name: Preconditioning(name) for name in PAPER_VARIANTS} | {variant.label: variant}
     conditions = {step: _conditions(about, schemes, step, variants) for step in steps}
     condition = {step: by_variant for step, (by_variant, _) in conditions.items()}
@@ -277,17 +289,22 @@ def advise(
         for name in PRECISIONS
     }
     why = unpredicted(least)
-    if why and tests.tolerances:
+    if why and tests:
         raise ArgumentError(f"a tolerance cannot be judged: {why}")
+    if (tests or residual_tolerance is not None) and not all(floors[precision].values()):
+        raise ArgumentError(
+            f"{about.name}: a tolerance can be judged only where a state u, v, a, lambda is given"
+        )
     tolerances = tuple(_tolerances(floors, scheme_at))
     too_coarse = dict.fromkeys(f"{one.h:g}" for one in tolerances if math.isnan(one.scaled))
     findings = [
-        *diagnosed(tests, about, scheme_at, floors[precision]),
-        *one_sided(least, orders[variant.label], condition[least.h]),
-        *_findings(least, orders, forms, noise, equilibrations),
-        *_when_h_changes(least),
-        *_unstable(about, schemes, steps),
+        of_correction(*test, tested, scheme_at, floors[precision]) for test in tests.items()
     ]
+    if residual_tolerance is not None:
+        findings.append(of_residual(residual_tolerance, residual_tested, about, scheme_at))
+    findings += one_sided(least, orders[variant.label], condition[least.h])
+    findings += _findings(least, orders, forms, noise, equilibrations)
+    findings += [*_when_h_changes(least), *_unstable(about, schemes, steps)]
     if why:
         findings.append(f"no floors and no tolerances: {why}")
     if too_coarse:

@@ -1,8 +1,7 @@
 """Somebody's tests of convergence, next to what rounding lets Newton's iteration reach."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from newmark_cli.newmark.floor import Floor
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import ROUNDING
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.support.errors import ArgumentError
 
 #: In place of an unknown: the norm of all of them.
 ALL = "all"
@@ -28,50 +26,16 @@ MARGIN = 3.0
 _SYMBOLS = {"lambda": "λ", "eta": "η"}
 
 
-@dataclass(frozen=True)
-class Tests:
-    """Tests of convergence that somebody's code makes.
-
-    Attributes:
-        tolerances: Unknown, or `ALL`, → tolerance on the 2-norm of its correction.
-        tested: One of `TESTED`.
-        residual: Tolerance on the residual's 2-norm; None without one.
-        residual_tested: One of `RESIDUAL_TESTED`.
-    """
-
-    tolerances: Mapping[str, float]
-    tested: str
-    residual: float | None
-    residual_tested: str
-
-    @classmethod
-    def of(
-        cls,
-        tolerance: Any,
-        tested: str,
-        residual: Any,
-        residual_tested: str,
-        unknowns: Sequence[str],
-    ) -> "Tests":
-        """The same from arguments of `advise`.
-
-        Raises:
-            ArgumentError: When they cannot be used.
-        """
-        by_unknown = tolerance if isinstance(tolerance, Mapping) else {ALL: tolerance}
-        allowed = (*unknowns, ALL)
-        tolerances = {
-            arguments.one_of("name in tolerance", name, allowed): arguments.positive(
-                f"tolerance of {name}" if name != ALL else "tolerance", value
-            )
-            for name, value in by_unknown.items()
-            if value is not None
-        }
-        arguments.one_of("tested", tested, TESTED)
-        arguments.one_of("residual_tested", residual_tested, RESIDUAL_TESTED)
-        if residual is not None:
-            residual = arguments.positive("residual_tolerance", residual)
-        return cls(tolerances, tested, residual, residual_tested)
+def tolerances_of(tolerance: Any, unknowns: Sequence[str]) -> dict[str, float]:
+    """Unknown, or `ALL`, → tolerance on its correction, from an argument of `advise`."""
+    by_unknown = tolerance if isinstance(tolerance, Mapping) else {ALL: tolerance}
+    return {
+        arguments.one_of("name in tolerance", name, (*unknowns, ALL)): arguments.positive(
+            f"tolerance of {name}" if name != ALL else "tolerance", value
+        )
+        for name, value in by_unknown.items()
+        if value is not None
+    }
 
 
 def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) -> float:
@@ -81,34 +45,14 @@ def largest(floors: Sequence[Floor], unknown: str, kind: str, scheme: Scheme) ->
     return float(np.max([math.hypot(*(of[name] for name in names)) for of in at_states]))
 
 
-def diagnosed(
-    tests: Tests,
-    about: Subject,
-    schemes: Mapping[float, Scheme],
-    floors: Mapping[float, Sequence[Floor]],
-) -> Iterator[str]:
-    """Say what is wrong, or right, with each of the tests, in a sentence.
-
-    Raises:
-        ArgumentError: When there is no state that floors could be predicted at.
-    """
-    if (tests.tolerances or tests.residual is not None) and not all(floors.values()):
-        raise ArgumentError(
-            f"{about.name}: a tolerance can be judged only where a state u, v, a, lambda is given"
-        )
-    for unknown, tolerance in tests.tolerances.items():
-        yield _of_correction(unknown, tolerance, tests.tested, schemes, floors)
-    if tests.residual is not None:
-        yield _of_residual(tests.residual, tests.residual_tested, about, schemes)
-
-
-def _of_correction(
+def of_correction(
     unknown: str,
     tolerance: float,
     tested: str,
     schemes: Mapping[float, Scheme],
     floors: Mapping[float, Sequence[Floor]],
 ) -> str:
+    """Say whether a tolerance on a correction can be met at each step size, and what to do."""
     name = "all unknowns" if unknown == ALL else _SYMBOLS.get(unknown, unknown)
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
     sizes = {h: largest(of, unknown, tested, schemes[h]) for h, of in floors.items()}
@@ -134,9 +78,10 @@ def _of_correction(
     return _judged(test, tolerance, reached, "Newton's last correction", cure)
 
 
-def _of_residual(
+def of_residual(
     tolerance: float, tested: str, about: Subject, schemes: Mapping[float, Scheme]
 ) -> str:
+    """The same of a tolerance on the residual."""
     reached, least, cure = {}, min(schemes), ""
     for h, scheme in schemes.items():
         # Each term of a row is rounded twice: by itself, and against what the past adds to it.
