@@ -376,7 +376,9 @@ def _conditions(
 def _cause(
     about: Subject, scheme: Scheme, optimal: float, with_fields: float, with_all: float
 ) -> str:
-    mass, x, y, _ = about.terms
+    at = about.states[0]
+    terms = at.evaluate(at.t0, at.u0, at.v0, about.accelerations[0][1])
+    mass, x, y = at.M, terms.X, terms.Y
     symbols = scheme.symbols
     stiff = symbols["beta"] * scheme.h**2 * np.linalg.norm(x, 2) / np.linalg.norm(mass, 2)
     damped = symbols["gamma"] * scheme.h * np.linalg.norm(y, 2) / np.linalg.norm(mass, 2)

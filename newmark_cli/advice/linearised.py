@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,8 @@ class Subject:
         return self.problem.m
 
     @cached_property
-    def _accelerations(self) -> Sequence[tuple[Array, Array]]:
+    def accelerations(self) -> Sequence[tuple[Array, Array]]:
+        """A (n,) and λ (m,) at the states."""
         return self.known or [Index1(at).accelerations(at.t0, at.u0, at.v0) for at in self.states]
 
     @property
@@ -99,24 +101,17 @@ class Subject:
         """Root mean square of ‖λ‖ over the states; None without one."""
         if not self.has_state:
             return None
-        return math.sqrt(np.mean([np.sum(x**2) for _, x in self._accelerations]))
-
-    @property
-    def terms(self) -> tuple[Array, Array, Array, Array]:
-        """M, X, Y, G at the first state."""
-        at = self.states[0]
-        terms = at.evaluate(at.t0, at.u0, at.v0, self._accelerations[0][1])
-        return self.problem.M, terms.X, terms.Y, terms.G
+        return math.sqrt(np.mean([np.sum(x**2) for _, x in self.accelerations]))
 
     @cached_property
     def typical(self) -> int:
         """State where ‖λ‖ is nearest to its root mean square."""
-        sizes = [np.linalg.norm(x) for _, x in self._accelerations]
+        sizes = [np.linalg.norm(x) for _, x in self.accelerations]
         return int(np.argmin(np.abs(np.array(sizes) - (self.multipliers or 0.0))))
 
     def jacobian(self, scheme: Scheme, place: int = 0) -> Array:
         """J, unscaled, at one of the states."""
-        at, (a, multipliers) = self.states[place], self._accelerations[place]
+        at, (a, multipliers) = self.states[place], self.accelerations[place]
         system = Jacobian(at, scheme)
         values = at.values(at.t0, at.u0, at.v0, multipliers)
         tangents = None
@@ -126,21 +121,17 @@ class Subject:
 
     def unknowns(self, scheme: Scheme, place: int) -> Array:
         """One of the states as the unknowns that a form keeps; η is 0."""
-        at, (a, multipliers) = self.states[place], self._accelerations[place]
+        at, (a, multipliers) = self.states[place], self.accelerations[place]
         known = {**dict(zip(FIELDS, (at.u0, at.v0, a), strict=True)), "lambda": multipliers}
         parts = zip(scheme.form.solved, scheme.form.sizes(self.n, self.m), strict=True)
         return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
 
     def multiplier_noise(self, scheme: Scheme) -> float:
         """Rms over the states of the noise of ‖λ‖ in one step of the (u, λ) form."""
-        noise = [
-            multiplier_noise(
-                self.jacobian(scheme, place),
-                scheme,
-                violations(at, scheme, at.t0, at.u0, at.v0),
-            )
-            for place, at in enumerate(self.states)
-        ]
+        noise = []
+        for place, at in enumerate(self.states):
+            violated = violations(at, scheme, at.t0, at.u0, at.v0)
+            noise.append(multiplier_noise(self.jacobian(scheme, place), scheme, violated))
         return math.sqrt(np.mean(np.square(noise)))
 
     def floors(self, scheme: Scheme, roughly: bool = False) -> list[Floor]:
@@ -184,14 +175,13 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
         )
 
 
-def subject_of(source: Any, t_end: float | None = None, motions: int = _MOTIONS) -> Subject:
+def subject_of(source: Any, t_end: float | None = None) -> Subject:
     """Find the subject of advice, from whatever describes it.
 
     Args:
         source: What `problem` takes; a path of matrices; a mapping with M and G.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
-        motions: Times that time that are looked at then.
 
     Raises:
         ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
@@ -200,7 +190,7 @@ def subject_of(source: Any, t_end: float | None = None, motions: int = _MOTIONS)
         return of_matrices(source, "matrices")
     if isinstance(source, str | Path) and is_path_of_matrices(Path(source)):
         return of_matrices(matrices.read(Path(source), NAMES), str(source))
-    return _of_problem(problem_of(source), t_end, motions)
+    return _of_problem(problem_of(source), t_end)
 
 
 def is_path_of_matrices(path: Path) -> bool:
@@ -300,7 +290,7 @@ def _require_usable(mass: Array, gradient: Array, where: str) -> None:
         )
 
 
-def _of_problem(problem: Problem, t_end: float | None, motions: int) -> Subject:
+def _of_problem(problem: Problem, t_end: float | None) -> Subject:
     if problem.n + problem.m > MOST_UNKNOWNS:
         raise ArgumentError(
             f"{problem.name}: n + m = {problem.n + problem.m}; advice is for at most "
@@ -313,33 +303,30 @@ def _of_problem(problem: Problem, t_end: float | None, motions: int) -> Subject:
             f"{problem.name}: [M −G; Gᵀ 0] is singular at the start: constraints are redundant, or "
             "M leaves a motion without inertia"
         ) from None
-    length = motions * _time_of_a_motion(problem) if t_end is None else t_end
+    at_start = partial(Subject, problem, [problem], "at the start")
     if problem.n + problem.m > _MOST_MARCHED:
-        return Subject(problem, [problem], "at the start", [])
+        return at_start([])
+    length = _MOTIONS * _time_of_a_motion(problem) if t_end is None else t_end
     if not math.isfinite(length):
-        return Subject(
-            problem, [problem], "at the start",
-            ["it is at rest, and nothing moves it: rounding is less there than in a motion"],
-        )  # fmt: skip
+        return at_start(
+            ["it is at rest, and nothing moves it: rounding is less there than in a motion"]
+        )
     steps = _STATES * _STEPS_BETWEEN
-    try:
+    with suppress(InputError):
         motion = march(
             problem, h=length / steps, steps=steps, every=_STEPS_BETWEEN, integrator=_DAMPED,
             keep=("u", "v"),
         )  # fmt: skip
-    except InputError:
-        motion = None
-    if motion is None or motion.status != "ok":
-        return Subject(
-            problem, [problem], "at the start",
-            [f"the motion to t = {length:.3g} s could not be marched: advice is for the start"],
-        )  # fmt: skip
-    states = [
-        replace(problem, t0=float(t), u0=u, v0=v)
-        for t, u, v in zip(motion.t, motion.u, motion.v, strict=True)
-    ]
-    where = f"at {len(states)} states of its motion to t = {motion.t[-1]:.3g} s"
-    return Subject(problem, states, where, [])
+        if motion.status == "ok":
+            states = [
+                replace(problem, t0=float(t), u0=u, v0=v)
+                for t, u, v in zip(motion.t, motion.u, motion.v, strict=True)
+            ]
+            where = f"at {len(states)} states of its motion to t = {motion.t[-1]:.3g} s"
+            return Subject(problem, states, where, [])
+    return at_start(
+        [f"the motion to t = {length:.3g} s could not be marched: advice is for the start"]
+    )
 
 
 def _time_of_a_motion(problem: Problem) -> float:

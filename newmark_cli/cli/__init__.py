@@ -24,7 +24,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         if own_process:
             commands.prepare()
-        code = commands.run(sys.argv[1:] if arguments is None else arguments)
+        code = commands.run(commands.words() if arguments is None else arguments)
     except BaseException as error:
         import traceback
 

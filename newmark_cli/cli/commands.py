@@ -4,6 +4,7 @@ Everything heavy is imported inside the commands, so that ``--help`` is quick.
 """
 
 import errno
+import glob
 import os
 import sys
 import warnings
@@ -75,6 +76,13 @@ def prepare() -> None:
         else:  # closed; the next file that is opened would be in its place
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
     warnings.showwarning = lambda message, *rest: screen.complain(f"warning: {message}")
+
+
+def words() -> list[str]:
+    """Arguments of the process, with the names of files for patterns, as shells give them."""
+    if os.name != "nt":
+        return sys.argv[1:]
+    return [name for word in sys.argv[1:] for name in sorted(glob.glob(word)) or [word]]
 
 
 def run(arguments: Sequence[str]) -> int:
