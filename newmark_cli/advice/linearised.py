@@ -176,15 +176,10 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
 
 
 def subject_of(source: Any, t_end: float | None = None) -> Subject:
-    """Find the subject of advice, from whatever describes it.
+    """Find the subject of advice: of what `problem` takes, a path of matrices, or a mapping.
 
-    Args:
-        source: What `problem` takes; a path of matrices; a mapping with M and G.
-        t_end: Time until which a problem's motion is looked at (s); a time in which it moves
-            by about its own size when omitted.
-
-    Raises:
-        ArgumentError, ProblemError, DocumentError, MatrixError: When it cannot be used.
+    A problem's motion is looked at until t_end (s); if omitted, a few times as long as it takes
+    to move by about its own size.
     """
     if isinstance(source, Mapping) and {"M", "G"} & source.keys():
         return of_matrices(source, "matrices")
@@ -199,16 +194,7 @@ def is_path_of_matrices(path: Path) -> bool:
 
 
 def of_matrices(values: Mapping[str, Any], where: str) -> Subject:
-    """Matrices of the equations of motion by their names; see `NAMES`.
-
-    Args:
-        values: M (n, n) and G (n, m); X, Y (n, n), 0 if omitted; the state u, v, a (n,),
-            lambda (m,) or none of them.
-        where: What errors begin with, such as the file.
-
-    Raises:
-        MatrixError: When a matrix is missing or cannot be used.
-    """
+    """Matrices of the equations of motion by their `NAMES`; errors begin with where they are."""
     arrays = _sound(values, where)
     missing = [name for name in _VECTORS if name not in arrays]
     if missing and len(missing) < len(_VECTORS):

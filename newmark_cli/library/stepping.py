@@ -99,14 +99,8 @@ def taken(
 ) -> Trajectory | Steps:
     """March to a last step, if there is one, and keep steps, which a callback sees.
 
-    Args:
-        march: Where it begins.
-        last: None for a march without end.
-        looks: Steps after the first to keep, in order; as a range they may be many.
-        keep: As of `march`.
-        callback: As of `march`.
-        stepped: Whether to return an iterator over the steps that are kept.
-        ends: Whether the steps are kept with which the march begins and ends.
+    ``looks`` are the steps after the first to keep, in order, as a range where they are many.
+    ``ends`` says whether those are kept, too, with which the march begins and ends.
     """
     most = None if isinstance(looks, Iterator) else len(looks) + 2
     recorder = Recorder(march, keep, most, GapWatch(march.problem, last, march.done))
