@@ -70,7 +70,7 @@ def pairs(
 def random_pairs(rng: random.Random) -> Pairs:
     """What is compared of every formulation on one random system."""
     damped, stiff = rng.random() >= ABSENT, rng.random() >= ABSENT
-    # With P = M⁻¹G single blocks are smaller: tests/test_formulation_orders.py has those.
+    # With P = M⁻¹G single blocks are smaller: tests/newmark/test_formulation_orders.py has those.
     system = exact_orders.random_system(rng, damped, stiff, by_mass=False)
     for formulation in exact_orders.CONSTRAINTS:
         yield from pairs(system, formulation, damped, stiff, rng)

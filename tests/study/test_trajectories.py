@@ -139,7 +139,7 @@ def test_problems_of_one_study_share_a_file(cli):
 
 
 def test_a_problem_in_python_is_kept_from_its_own_process(cli):
-    shutil.copy(Path(__file__).parents[1] / "docs/examples/car_axis.py", cli.folder)
+    shutil.copy(Path(__file__).parents[2] / "docs/examples/car_axis.py", cli.folder)
     config = STUDY.replace("pendulum", '{python: "car_axis.py:car_axis", args: {compiled: false}}')
     config = config.replace("[1e-2, 5e-3]", "1e-2").replace("t_end: 1.0", "steps: 20")
     cli.write("swing.yaml", config.replace("every: 30", "at: [0.1, 0.2]"))

@@ -15,7 +15,7 @@ from newmark_cli.mechanisms.registry import PROBLEMS, problem
 from newmark_cli.report.drawing import draw_mechanism
 from newmark_cli.study import config
 
-EXAMPLES = Path(__file__).parents[1] / "docs/examples"
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
 STUDY = """\
 study: mine

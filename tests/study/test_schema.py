@@ -15,7 +15,7 @@ from newmark_cli.study import config, keys, schema
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 MECHANISMS = ROOT / "newmark_cli/mechanisms/shipped"
 COMMITTED = {
     MECHANISMS / "schema/mechanism.json": ("list", "--schema", "mechanism"),

@@ -236,7 +236,7 @@ def test_records_of_another_run_are_left_out(cli, copied):
 
 def test_shipped_checksums_are_those_of_the_results():
     """`python tests/verification/shipped.py > configs/results.json` after results were computed."""
-    path = Path(__file__).parent / "verification/shipped.py"
+    path = Path(__file__).parents[1] / "verification/shipped.py"
     expected = runpy.run_path(str(path))["sums"]()
     assert json.loads(config.shipped_sums().read_text()) == expected
     assert set(expected) == {*config.REPRODUCED, *config.BEYOND}

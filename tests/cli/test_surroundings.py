@@ -16,7 +16,7 @@ from conftest import QUICK, SWING
 from newmark_cli.cli import main
 from newmark_cli.study import provenance
 
-EXAMPLES = Path(__file__).parents[1] / "docs/examples"
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
 
 @pytest.fixture(scope="module")

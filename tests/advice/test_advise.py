@@ -27,7 +27,7 @@ from newmark_cli.newmark.noise import carried
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.support import matrices
 
-EXAMPLE = Path(__file__).parents[1] / "docs/examples/matrices.py"
+EXAMPLE = Path(__file__).parents[2] / "docs/examples/matrices.py"
 #: Of β and γ, far from those of the trapezoidal rule.
 BETA, GAMMA = 0.3, 0.6
 FORMS = [form for form in oracles.FORMS if form not in ("u-a-lambda", "v-a-lambda")]

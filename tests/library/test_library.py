@@ -168,7 +168,7 @@ def test_families_files_factories_and_problems_are_taken(tmp_path, monkeypatch):
         )
         assert newmark.problem(file).u0.tolist() == [length, 0.0]
         assert newmark.march("mine.yaml", h=0.1, steps=1).u[0] == pytest.approx([length, 0.0])
-    example = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+    example = Path(__file__).parents[2] / "docs/examples/car_axis.py"
     assert newmark.problem(f"{example}:car_axis", compiled=False).n == 4
 
 

@@ -164,7 +164,7 @@ def test_tables_of_formulations(cli):
     assert r"    index-1 & $(u, v, a, \lambda )$ & $\ge$ 0 & $\ge$ 0 & 0 & 0 & -- " in text
     markdown = (folder / "formulations.md").read_text()
     assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
-    docs = (Path(__file__).parents[1] / "docs/theory.md").read_text()
+    docs = (Path(__file__).parents[2] / "docs/theory.md").read_text()
     assert "`newmark-study tables --formulations` makes the tables" in docs
     assert markdown.strip() in docs
 

@@ -22,7 +22,7 @@ from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 
 #: What is committed.
-RESULTS = Path(__file__).parents[1] / "results"
+RESULTS = Path(__file__).parents[2] / "results"
 #: Problem → step size (s) and steps; all but the last have quadratic constraints.
 QUADRATIC = {"andrews": (1e-4, 300), "thrown": (1e-3, 300), "four-bar": (1e-3, 300)}
 SUBJECTS = {**QUADRATIC, "shaken-pendulum": (1e-3, 300)}

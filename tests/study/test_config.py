@@ -223,7 +223,7 @@ def test_large_members_need_not_be_built(tmp_path, family):
 
 def test_problems_of_one_name(tmp_path):
     """The CSV could not tell them apart: refused before anything is computed."""
-    hoist = (Path(__file__).parents[1] / "docs/examples/hoist.yaml").read_text()
+    hoist = (Path(__file__).parents[2] / "docs/examples/hoist.yaml").read_text()
     for folder in "ab":
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "hoist.yaml").write_text(hoist)
