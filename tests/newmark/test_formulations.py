@@ -318,6 +318,15 @@ def test_least_inertia_is_the_least_eigenvalue(name, most, monkeypatch):
     assert penalty == pytest.approx(3 * 4 / 1e-6 / least, rel=1e-8)
 
 
+def test_directions_of_many_coupled_coordinates_are_those_of_the_diagonal(monkeypatch):
+    """P = diag(M)⁻¹ G in place of M⁻¹G where a block of M is too large to be inverted."""
+    monkeypatch.setattr(constraints, "_LARGEST_BLOCK", 4)
+    subject = subject_of("general")
+    terms = constraints.projector(subject)
+    np.testing.assert_array_equal(terms.values, 1 / np.diag(subject.M)[terms.rows])
+    np.testing.assert_array_equal(terms.sources, np.arange(subject.n * subject.m))
+
+
 # -- engines held to each other ---------------------------------------------------------------
 
 ENGINES = ("kernel", "dense", "sparse")

@@ -2,8 +2,11 @@
 
 import numpy as np
 from each import each
+from marching import scheme_of
 from mpmath import matrix, mp, mpf
 
+from newmark_cli.newmark.formulation import CORRECTED
+from newmark_cli.newmark.march import initial_state
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.starting import constraint_jerk, corrected_velocity
 
@@ -83,3 +86,6 @@ def test_the_jerk_where_constraints_are_neither_quadratic_nor_free_of_time(tmp_p
     pulled = subject.M @ change
     inside = gradient @ np.linalg.lstsq(gradient, pulled, rcond=None)[0]
     np.testing.assert_allclose(inside, pulled, rtol=0, atol=1e-9 * np.abs(pulled).max())
+    # What the start leaves of Φ' in proportion to h² is what a change of h goes by.
+    state = initial_state(subject, scheme_of("u-lambda", "none", 0.01, start=CORRECTED))
+    np.testing.assert_allclose(1e-4 * state.rates[1:], state.psi, rtol=1e-6)
