@@ -12,7 +12,7 @@ from newmark_cli.problems import reference
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.residual_form import ROWS
 
-EXAMPLE = Path(__file__).parents[1] / "docs/examples/tolerances.py"
+EXAMPLE = Path(__file__).parents[2] / "docs/examples/tolerances.py"
 tolerances = runpy.run_path(str(EXAMPLE))["tolerances"]
 #: Pendulum of two masses, in a unit of length, turned by an angle, at a distance from the origin.
 ARMS = 0.3, 0.2

@@ -14,5 +14,6 @@ decided before the march:
 
 All code takes its numbers as arguments: one function serves every parameter, step size and
 scaling, and is kept on disk under a digest of the pattern.  It computes what the loops compute,
-to the same bits; `tests/newmark/test_exchanges.py` and `tests/newmark/test_static.py` hold it to that.
+to the same bits; `tests/newmark/test_exchanges.py` and `tests/newmark/test_static.py` hold it to
+that.
 """
