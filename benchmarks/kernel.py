@@ -27,6 +27,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import counting
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, Scheme
 
@@ -77,9 +78,9 @@ def kernel(evaluation=DIRECT, static=False):
 
     def run(steps):
         state = initial_state(SUBJECT, how)
-        norms, iterations = np.zeros((steps, 2)), np.zeros(steps, np.int64)
-        engine.march(state, 0, norms, iterations)
-        return int(np.abs(iterations).sum()), state.fields[0]
+        counts = counting(steps, 2)
+        engine.march(state, 0, counts)
+        return int(np.abs(counts.iterations).sum()), state.fields[0]
 
     return run
 

@@ -22,6 +22,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import counting
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 
@@ -39,9 +40,8 @@ def kernel():
     form = FORMS["u-lambda"]
     scheme = Scheme(Newmark(), form, named_scaling("optimal", form), H)
     state = initial_state(SUBJECT, scheme)
-    norms, iterations = np.zeros((STEPS, 2)), np.zeros(STEPS, np.int64)
     engine = Engine(SUBJECT, scheme, StaticSystem(SUBJECT, scheme))
-    engine.march(state, 0, norms, iterations)
+    engine.march(state, 0, counting(STEPS, 2))
     return state.fields[0]
 
 

@@ -12,7 +12,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import recording
+from newmark_cli.newmark.march_data import counting, recording
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 
@@ -70,28 +70,19 @@ ENGINES = compiled, in_python
 
 def march(engine, subject, scheme, state, first, steps):
     """Norms and iterations of steps that are all taken; ``engine`` is a function above."""
-    norms = np.zeros((steps, len(scheme.recorded)))
-    iterations = np.zeros(steps, np.int64)
-    ending = engine(subject, scheme).march(state, first, norms, iterations)
-    assert ending == (march_data.COMPLETED, steps)
-    return norms, iterations
+    counts = counting(steps, len(scheme.recorded))
+    assert engine(subject, scheme).march(state, first, counts) == (march_data.COMPLETED, steps)
+    return counts.norms, counts.iterations
 
 
-def interpreted_march(
-    subject, scheme, state, first, norms, iterations, record=None, positions=None
-):
+def interpreted_march(subject, scheme, state, first, counts, record=None):
     """The kernel's march as Python runs it, and all that it calls but the problem's functions."""
     engine = Engine(subject, scheme)
-    counts = march_data.Counts(
-        norms, iterations,
-        np.zeros(len(norms), np.int64) if positions is None else positions,
-        np.zeros(len(norms), np.int64),
-    )  # fmt: skip
     kept = recording(state, np.empty(0)) if record is None else record
     given = engine.arguments(state, first, counts, kept)
     functions, (of_problem, of_step), (static, dense), extra, python, _, schedule, sizes, *_ = given
     tables = of_problem._replace(ints=subject.ints), of_step
-    room = kernel._allocate(*tables, dense, extra, state, schedule, sizes, norms.shape[1])
+    room = kernel._allocate(*tables, dense, extra, state, schedule, sizes, counts.norms.shape[1])
     with pytest.MonkeyPatch.context() as patch:
         for name, function in list(vars(kernel).items()):
             if hasattr(function, "py_func"):
@@ -106,7 +97,7 @@ def interpreted_march(
 class Interpreted:
     """In place of the engine of a march."""
 
-    pivoted = 0
+    static = None
 
     def __init__(self, subject, scheme):
         self.march = partial(interpreted_march, subject, scheme)

@@ -33,7 +33,7 @@ from newmark_cli.newmark.march_data import (
 )
 from newmark_cli.newmark.scheme import Scheme, Schemes, Tolerance
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.arrays import Array
 
 
 class _Numbers(NamedTuple):
@@ -93,7 +93,6 @@ class Engine:
             or what static elimination refuses; the kernel's dense one when omitted.
 
     Attributes:
-        pivoted: Steps in which static elimination left a correction to partial pivoting.
         exchanges: Those that partial pivoting needs, of index 3 with steps of one size.
     """
 
@@ -106,8 +105,7 @@ class Engine:
         schemes: Schemes | None = None,
         system_at: Callable[[int], LinearSystem] | None = None,
     ) -> None:
-        self.static, self.pivoted = static, 0
-        self.problem, self.scheme = problem, scheme
+        self.problem, self.scheme, self.static = problem, scheme, static
         self.schemes = schemes = schemes or Schemes.of(problem, scheme)
         self._constraining = constraining or constraining_of(problem, scheme)
         self._is_dense = system_at is None
@@ -211,15 +209,9 @@ class Engine:
         )
 
     def march(
-        self,
-        state: State,
-        first: int,
-        norms: Array,
-        iterations: IndexArray,
-        record: Record | None = None,
-        positions: IndexArray | None = None,
+        self, state: State, first: int, counts: Counts, record: Record | None = None
     ) -> tuple[int, int]:
-        """Advance ``state`` by ``len(norms)`` steps.
+        """Advance ``state`` by as many steps as ``counts`` has room for.
 
         What static elimination refuses is solved with partial pivoting, correction by
         correction; that what came before has no part in it keeps the march independent of
@@ -228,15 +220,14 @@ class Engine:
         Args:
             state: Overwritten.
             first: Steps taken since the initial time.
-            norms, iterations, positions: Overwritten; see `march_data.Counts`.
+            counts: Overwritten; zeros before.
             record: Overwritten with the states after the steps that it names.
 
         Returns:
             How the march ended and the steps done.
         """
         record = recording(state, np.empty(0)) if record is None else record
-        positions = np.zeros(len(norms), np.int64) if positions is None else positions
-        pivoted = np.zeros(len(norms), np.int64)
+        steps = len(counts.norms)
         done = 0
         while True:
             if self.exchanges:
@@ -248,16 +239,13 @@ class Engine:
                     begun = self._carrying.to(first + done + 1, state)
                 except np.linalg.LinAlgError:
                     return SINGULAR, done
-            rest = slice(done, done + self._at_once(first + done, len(norms) - done))
-            counts = Counts(norms[rest], iterations[rest], positions[rest], pivoted[rest])
-            arguments = self.arguments(state, first + done, counts, record.after(done), begun)
+            rest = counts.part(done, self._at_once(first + done, steps - done))
+            arguments = self.arguments(state, first + done, rest, record.after(done), begun)
             ending, taken = kernel.march(*arguments)  # type: ignore[no-untyped-call]
             if self.exchanges:
-                self.exchanges.took(pivoted[done : done + taken])
+                self.exchanges.took(rest.pivoted[:taken])
             done += taken
-            if ending != COMPLETED or done == len(norms):
-                if self.static:
-                    self.pivoted += int(pivoted[:done].sum())
+            if ending != COMPLETED or done == steps:
                 return ending, done
 
     def arguments(

@@ -14,7 +14,7 @@ from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.linear.written.static import StaticSystem
-from newmark_cli.newmark.march_data import COMPLETED, Record, State, recording
+from newmark_cli.newmark.march_data import COMPLETED, Record, State, counting, recording
 from newmark_cli.newmark.scheme import Scheme, Schemes
 from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.algebra import product
@@ -215,28 +215,28 @@ class March:
         """
         before, begin = self.state.copy(), self.done
         record = recording(self.state, np.array(looks, np.int64) - (begin + 1))
-        pivoted = self._engine.pivoted
+        counts = counting(steps, len(self.scheme.recorded))
         try:
-            ending, taken, norms, iterations, positions = self._marched(steps, record)
-            pivoted = self._engine.pivoted - pivoted
+            ending, taken = self._engine.march(self.state, begin, counts, record)
+            counts = counts.part(0, taken)
             if ending != COMPLETED:
                 # Newton has overwritten the state in the step that failed.
                 self.state.restore(before)
-                self._marched(taken, recording(self.state, np.empty(0)))
+                self._engine.march(self.state, begin, counting(taken, counts.norms.shape[1]))
             reached = bisect_right(looks, begin + taken)
             if self._index_1:
                 for k in range(reached):
                     t = self.grid.t(looks[k])
                     record.multipliers[k] = self._recovered(self._index_1, t, record.fields[k])
             stretch = Stretch(
-                norms[:taken],
-                iterations[:taken],
+                counts.norms,
+                counts.iterations,
                 np.array(looks[:reached], np.int64),
                 Record(*(array[:reached] for array in record)),
-                pivoted,
+                int(counts.pivoted.sum()) if self._engine.static else 0,
             )
-            self.corrections += int(np.abs(iterations[:taken]).sum())
-            self.positions += int(positions[:taken].sum())
+            self.corrections += int(np.abs(counts.iterations).sum())
+            self.positions += int(counts.positions.sum())
             self.ending, self.done = ending, begin + taken
             return stretch
         except BaseException:
@@ -257,17 +257,6 @@ class March:
         elimination = system.elimination
         in_step = elimination.lists.operations + 20 * elimination.size
         return max(1, min(_STRETCH[choice.DENSE], int(_STATIC_OPERATIONS / in_step)))
-
-    def _marched(
-        self, steps: int, record: Record
-    ) -> tuple[int, int, Array, IndexArray, IndexArray]:
-        """How it ended, the steps taken, and norms, iterations and corrected positions of all."""
-        norms = np.zeros((steps, len(self.scheme.recorded)))
-        iterations, positions = np.zeros(steps, np.int64), np.zeros(steps, np.int64)
-        ending, taken = self._engine.march(
-            self.state, self.done, norms, iterations, record, positions
-        )
-        return ending, taken, norms, iterations, positions
 
     def stretches(
         self, steps: int, stops: Iterable[int] = (), looks: Sequence[int] = ()

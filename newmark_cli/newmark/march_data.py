@@ -143,6 +143,10 @@ class Counts(NamedTuple):
     positions: np.ndarray  #: (steps,) zeros, to which corrections of positions are added
     pivoted: np.ndarray  #: (steps,) zeros; 1 where ``solve`` or the code gave a matrix up
 
+    def part(self, begin: int, count: int) -> "Counts":
+        """Those of some of the steps, the same memory."""
+        return Counts(*(array[begin : begin + count] for array in self))
+
 
 class Record(NamedTuple):
     """States after some steps of a march, in the type of its numbers."""
@@ -155,6 +159,11 @@ class Record(NamedTuple):
         """The rest once so many steps are done."""
         k = int(np.searchsorted(self.steps, done))
         return Record(self.steps[k:] - done, self.fields[k:], self.multipliers[k:])
+
+
+def counting(steps: int, blocks: int) -> Counts:
+    """Room for the counts of so many steps, with norms of so many blocks."""
+    return Counts(np.zeros((steps, blocks)), *(np.zeros(steps, np.int64) for _ in range(3)))
 
 
 def recording(state: State, steps: np.ndarray) -> Record:

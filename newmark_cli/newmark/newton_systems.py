@@ -11,7 +11,7 @@ from newmark_cli.newmark.constraints import Tangents
 from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.march_data import COMPLETED
+from newmark_cli.newmark.march_data import COMPLETED, counting
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.problems.problem import Values
 from newmark_cli.support.arrays import Array
@@ -149,8 +149,7 @@ def _observed(march: March, steps: Sequence[int], every_iteration: bool) -> Iter
         seen: _Seen = []
         scheme, state = march.schemes.at(number), march.state.copy()
         noting[:] = [_observed_by(seen, march.system_of(number), every_iteration)]
-        norms, iterations = np.zeros((1, len(scheme.recorded))), np.zeros(1, np.int64)
-        engine.march(state, march.done, norms, iterations)
+        engine.march(state, march.done, counting(1, len(scheme.recorded)))
         for iteration, matrix, rhs in seen:
             if np.all(np.isfinite(matrix.data)) and np.all(np.isfinite(rhs)):
                 t = march.grid.t(number)

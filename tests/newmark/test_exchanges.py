@@ -18,7 +18,7 @@ from newmark_cli.newmark.linear.written import exchanges, generated, static_elim
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import COMPLETED, PIVOTING
+from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, counting
 from newmark_cli.support import machine_code
 
 NEVER = 10**9
@@ -31,10 +31,9 @@ def run(subject, scheme, stretches, looks_after, after_stretch=lambda exchanges:
             patch.setattr(exchanges, name, looks_after)
         engine, state, found = Engine(subject, scheme), initial_state(subject, scheme), []
         for k in range(stretches):
-            norms = np.zeros((20, len(scheme.recorded)))
-            iterations = np.zeros(20, np.int64)
-            assert engine.march(state, 20 * k, norms, iterations) == (COMPLETED, 20)
-            found += [norms, iterations, *state.copy()]
+            counts = counting(20, len(scheme.recorded))
+            assert engine.march(state, 20 * k, counts) == (COMPLETED, 20)
+            found += [counts.norms, counts.iterations, *state.copy()]
             after_stretch(engine.exchanges)
     return engine, found
 
@@ -60,7 +59,6 @@ def test_the_same_bits(subject, form, variant, integrator, evaluation, precision
     by_loops, loops = run(subject, scheme, 6, NEVER)
     assert (by_code.exchanges.coded, by_loops.exchanges.coded) == (True, False)
     assert by_code.exchanges.given_up < 20
-    assert by_code.pivoted == by_loops.pivoted == 0  # no matter of partial pivoting
     for mine, theirs in zip(code, loops, strict=True):
         assert mine.dtype == theirs.dtype
         np.testing.assert_array_equal(mine, theirs)

@@ -124,8 +124,8 @@ def test_singular_matrices_end_the_march(solver):
     at_pivot = start(subject)
     for array in at_pivot:
         array[:] = 0
-    norms, iterations = np.zeros((3, 2)), np.zeros(3, np.int64)
-    ending = in_system(subject, scheme, system).march(at_pivot, 0, norms, iterations)
+    counts = march_data.counting(3, 2)
+    ending = in_system(subject, scheme, system).march(at_pivot, 0, counts)
     assert ending == (march_data.STAGNATED, 0)
     assert system.residuals[0] > 0.1
 

@@ -18,6 +18,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS, Formulation, Projection
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
+from newmark_cli.newmark.march_data import counting
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
 
@@ -77,10 +78,10 @@ def require_interpreted_steps(subject, scheme, steps):
     """Compiled and interpreted marches agree bit by bit; the state at the end."""
     ours, reference = initial_state(subject, scheme), initial_state(subject, scheme)
     norms, iterations = march(compiled, subject, scheme, ours, 0, steps)
-    expected = np.zeros_like(norms), np.zeros_like(iterations)
-    interpreted_march(subject, scheme, reference, 0, *expected)
-    np.testing.assert_array_equal(norms, expected[0])
-    np.testing.assert_array_equal(iterations, expected[1])
+    expected = counting(*norms.shape)
+    interpreted_march(subject, scheme, reference, 0, expected)
+    np.testing.assert_array_equal(norms, expected.norms)
+    np.testing.assert_array_equal(iterations, expected.iterations)
     for one, other in zip(ours, reference, strict=True):
         np.testing.assert_array_equal(one, other)
     return ours
