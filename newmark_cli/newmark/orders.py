@@ -283,11 +283,9 @@ def _penalty(formulation: Formulation) -> float:
 
 def _table(formulation: Formulation) -> str:
     """Which of `INVERSES` a formulation has."""
-    if formulation.parameter is not None:
-        own = f"{formulation.method} {formulation.parameter[0]}"
-        if own in INVERSES:
-            return own
-    return formulation.method
+    parameter, _ = formulation.parameter or ("", 0.0)
+    own = f"{formulation.method} {parameter}"
+    return own if own in INVERSES else formulation.method
 
 
 def _residuals(

@@ -173,12 +173,9 @@ def _canonical_factors(
         except MonomialError:
             return factor
 
-    def place(block: str) -> int:
-        return blocks.index(block) if block in blocks else len(blocks)
-
-    return tuple(
-        sorted(((block, normalised(factor)) for block, factor in pairs), key=lambda p: place(p[0]))
-    )
+    place = {block: k for k, block in enumerate(blocks)}
+    factors = [(block, normalised(factor)) for block, factor in pairs]
+    return tuple(sorted(factors, key=lambda pair: place.get(pair[0], len(place))))
 
 
 def canonical(label: str) -> str:

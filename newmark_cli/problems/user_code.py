@@ -9,6 +9,7 @@ import os
 import sys
 import sysconfig
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -53,10 +54,8 @@ def line(file: str, number: int) -> str:
 
 def raised_at(error: BaseException) -> list[str]:
     """The line of the user's file that an error comes from, and that of a module beside it."""
-    places, frame = [], error.__traceback__
-    while frame is not None:
-        places.append((frame.tb_frame.f_code.co_filename, frame.tb_lineno))
-        frame = frame.tb_next
+    frames = traceback.walk_tb(error.__traceback__)
+    places = [(frame.f_code.co_filename, number) for frame, number in frames]
     if isinstance(error, SyntaxError) and error.filename and error.lineno:
         places.append((error.filename, error.lineno))
     own = [place for place in places if line(*place)]
