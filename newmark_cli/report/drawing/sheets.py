@@ -136,12 +136,10 @@ class _Looks:
 
 def step(h: float) -> str:
     """A step size as legends have it."""
-    digits, _, exponent = f"{h:.15g}".partition("e") if h < 1e-3 else (f"{h:g}", "", "")
-    if not exponent:
-        digits, _, exponent = f"{h:.3e}".partition("e") if h < 1e-2 else (digits, "", "")
-    digits = digits.rstrip("0").rstrip(".") if "." in digits else digits
-    if not exponent:
-        return digits
+    if h >= 1e-2:
+        return f"{h:g}"
+    digits, _, exponent = f"{h:.3e}".partition("e")
+    digits = digits.rstrip("0").rstrip(".")
     ten = power("10", str(int(exponent)))
     return ten if digits == "1" else f"{digits}·{ten}"
 
