@@ -26,12 +26,7 @@ from newmark_cli.newmark.formulation import (
     is_formulated,
     reported,
 )
-from newmark_cli.newmark.integrator import (
-    RESCALE_VELOCITY,
-    TRAPEZOIDAL_NAME,
-    Integrator,
-    Newmark,
-)
+from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, Krylov, choose
 from newmark_cli.newmark.scaling import Preconditioning, canonical
@@ -157,7 +152,7 @@ class Cell:
         usual=TRAPEZOIDAL,
         since=(0, 1),
         config=lambda keys: keys.Integrators,
-        default=TRAPEZOIDAL_NAME,
+        default="newmark",
         about="an integrator or a list; default: trapezoidal",
         shows="method and parameters",
     )

@@ -70,16 +70,6 @@ _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 _MOST_RECORDED = 5_000_000
 
 
-def _too_long(numbers: int, where: str = "") -> str:
-    """Why trajectories of so many numbers are refused; empty where they are not."""
-    if numbers <= _MOST_RECORDED:
-        return ""
-    return (
-        f"{TRAJECTORY.name} of {numbers} numbers{where}, at most {_MOST_RECORDED}; "
-        "keep fewer steps, or less of each"
-    )
-
-
 class _Rules(RuledModel):
     """Rules that tie the keys of a case together; the keys are the axes of `Cell`."""
 
@@ -145,8 +135,6 @@ class _Rules(RuledModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """Errors for problems that a study cannot use; loads problems only where it matters."""
-        if text := _too_long(self.recorded()):
-            yield misfit("trajectory", text)
         yield from self._missed()
         yield from self._beyond()
         if not (
@@ -364,7 +352,7 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     with mistakes.gathered():
         named = {**head, "cases": [*cases.values()]}
         study = documents.validate(document, Study, named, context=around)
-    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_series):
+    for refuse in (_refuse_repeated_cells, _refuse_repeated_labels, _refuse_long_trajectories):
         with mistakes.gathered():
             refuse(document, cases)
     mistakes.refuse(more=more)
@@ -469,9 +457,15 @@ def _outputs(traits: Traits) -> int:
     return round(share * traits.n)
 
 
-def _refuse_long_series(document: Document, cases: Mapping[int, Case]) -> None:
-    if text := _too_long(sum(case.recorded() for case in cases.values()), " in all cases"):
-        raise document.error(("cases",), text)
+def _refuse_long_trajectories(document: Document, cases: Mapping[int, Case]) -> None:
+    numbers = sum(case.recorded() for case in cases.values())
+    if numbers > _MOST_RECORDED:
+        key = next(key for key in ("trajectory", "cases", "measure") if key in document.data)
+        raise document.error(
+            (key,),
+            f"{TRAJECTORY.name} of {numbers} numbers in all cases, at most {_MOST_RECORDED}; "
+            "keep fewer steps, or less of each",
+        )
 
 
 def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:

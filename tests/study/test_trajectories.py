@@ -272,8 +272,8 @@ def test_trajectories_that_no_memory_holds_are_refused(cli):
     # Step, time, two components of u, v and a, one of λ, the energy; both ends.
     count = (1_000_000 + 1) * (2 + 3 * 2 + 1 + 1)
     assert cli.refused("run", "swing.yaml") == (
-        f"newmark-study: swing.yaml, line 8: trajectory: trajectory of {count} numbers, at most "
-        "5000000; keep fewer steps, or less of each"
+        f"newmark-study: swing.yaml, line 8: trajectory: trajectory of {count} numbers in all "
+        "cases, at most 5000000; keep fewer steps, or less of each"
     )
     assert not (cli.folder / "results").exists()
     cli.write("swing.yaml", text.replace("{every: 30}", "{every: 1, keep: lambda}"))

@@ -110,8 +110,8 @@ def test_histories_that_no_memory_holds_are_refused(cli):
     line = cli.refused("run", "long.yaml")
     # 10000 steps, 5000 steps and two starts, 1000 links, step and time, two forms.
     assert line == (
-        "newmark-study: long.yaml, line 8: trajectory: trajectory of 30064008 numbers, "
-        "at most 5000000; keep fewer steps, or less of each"
+        "newmark-study: long.yaml, line 8: trajectory: trajectory of 30064008 numbers in all "
+        "cases, at most 5000000; keep fewer steps, or less of each"
     )
     assert not (cli.folder / "results").exists()
     cli.write("long.yaml", HISTORY.replace("{keep", "{every: 7, keep"))
