@@ -1,5 +1,6 @@
 """The command line: parse, delegate, exit code."""
 
+import contextlib
 import sys
 from collections.abc import Sequence
 
@@ -31,11 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         from newmark_cli.support.errors import described, visible_lines
 
         trace = visible_lines("".join(traceback.format_exception(error)))
-        print(
-            f"{trace}newmark-study: internal error: {described(error)}; please report this, with "
-            "the lines above",
-            file=sys.stderr,
-        )
+        line = f"internal error: {described(error)}; please report this, with the lines above"
+        with contextlib.suppress(OSError):
+            print(f"{trace}newmark-study: {line}", file=sys.stderr)
         code = _INTERNAL
     if own_process:
         interrupts.ignore()

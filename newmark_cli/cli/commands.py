@@ -73,8 +73,8 @@ def prepare() -> None:
     for name in ("stdout", "stderr"):
         if (stream := getattr(sys, name)) is not None:
             stream.reconfigure(errors="backslashreplace")
-        else:  # closed; the next file that is opened would be in its place
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+        else:
+            screen.drop(name)
     warnings.showwarning = lambda message, *rest: screen.complain(f"warning: {message}")
 
 
@@ -122,12 +122,12 @@ def _exit_code(error: BaseException) -> int:
             )
             return 1
         case BrokenPipeError():
-            _drop_output()
+            screen.drop("stdout")
             return _UNREAD
         case OSError() if error.filename is not None:
             screen.complain(f"{error.filename}: {error.strerror or error}")
         case OSError() if error.errno == errno.ENOSPC:
-            _drop_output()
+            screen.drop("stdout")
             screen.complain(f"standard output: {error.strerror}")
         case click.Abort() | KeyboardInterrupt():
             screen.complain("interrupted")
@@ -135,8 +135,3 @@ def _exit_code(error: BaseException) -> int:
         case _:
             raise error
     return 2
-
-
-def _drop_output() -> None:
-    """What cannot be written to stdout must not be tried again when Python ends."""
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

@@ -5,7 +5,9 @@ they hold, a terminal is shown text: no escape sequence, no text that runs backw
 no line that only looks like one of the command's.
 """
 
+import os
 import re
+import sys
 
 import click
 
@@ -31,9 +33,22 @@ def lines(text: str) -> None:
 
 def note(text: str) -> None:
     """Print one line to stderr; whatever would end it is escaped."""
-    click.echo(visible(text), err=True)
+    _aside(visible(text))
 
 
 def complain(message: str) -> None:
     """Print one line of error, not longer than anybody reads."""
-    click.echo(f"newmark-study: {one_line(message)}", err=True)
+    _aside(f"newmark-study: {one_line(message)}")
+
+
+def drop(stream: str) -> None:
+    """Print no more to ``"stdout"`` or ``"stderr"``; nor does Python try again as it ends."""
+    # The next file that is opened would be in the place of one that is closed.
+    setattr(sys, stream, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
+
+
+def _aside(text: str) -> None:
+    try:
+        click.echo(text, err=True)
+    except OSError:  # unread, or its disk is full: a run goes on without its messages
+        drop("stderr")

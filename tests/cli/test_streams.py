@@ -46,6 +46,17 @@ def test_output_that_nobody_reads_ends_a_command_silently(cli, command):
     assert run.returncode == 141
 
 
+@each("stream", ["/dev/full", "unread"])
+def test_a_run_goes_on_without_its_messages(cli, stream):
+    """Where stderr cannot be written."""
+    cli.write("a.yaml", A)
+    with open("/dev/full", "wb") if stream == "/dev/full" else unread() as lost:
+        descriptor = lost if stream == "unread" else lost.fileno()
+        run = cli.start("run", "a.yaml", "-v", stderr=descriptor)
+    assert run.communicate(timeout=60)[0] == "a: 1 ok -> results/a.csv\n"
+    assert run.returncode == 0
+
+
 @each("closed", [">&-", "2>&-"])
 def test_closed_streams_change_nothing(cli, closed):
     """What cannot be printed is not."""
