@@ -78,8 +78,11 @@ def recorded(config: Any, key: str, entries: TypeAdapter[Any]) -> Any:
 
 
 def _is_of_the_past(entry: Any) -> bool:
-    measure = entry.get("measure") if isinstance(entry, Mapping) else None
-    return isinstance(measure, str) and measure in RETIRED
+    """Whether an entry is about what this version does not have."""
+    if not isinstance(entry, Mapping):
+        return False
+    about = (entry.get(key) for key in ("measure", "status", "linear_solver", "problem"))
+    return any(isinstance(value, str) and value in RETIRED for value in about)
 
 
 def _means(axis: str, word: str, value: str) -> bool:

@@ -8,6 +8,15 @@ import subprocess
 from command_line import SCRIPT
 from each import each
 
+A = """\
+study: a
+problem: pendulum
+form: u-lambda
+preconditioning: none
+h: 0.1
+steps: 1
+"""
+
 FULL = "newmark-study: standard output: No space left on device\n"
 
 
