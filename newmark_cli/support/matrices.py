@@ -19,6 +19,8 @@ from newmark_cli.support.errors import InputError, one_line
 MOST_BYTES = 256 << 20
 #: Most rows or columns of a matrix.
 MOST_ROWS = 4_000
+#: Largest entry: of larger ones products and sums of squares overflow.
+_LARGEST = 1e60
 
 
 class MatrixError(InputError):
@@ -127,7 +129,7 @@ def _market(path: Path) -> Array:
 
 
 def array_of(value: Any, where: str, dimensions: tuple[int, ...] = (1, 2)) -> Array:
-    """Finite real numbers, from whatever is an array of some dimensions, dense or sparse.
+    """Real numbers of usable size, from whatever is an array of some dimensions, dense or sparse.
 
     Raises:
         MatrixError: For anything else, and for more rows or columns than `MOST_ROWS`.
@@ -148,10 +150,11 @@ def array_of(value: Any, where: str, dimensions: tuple[int, ...] = (1, 2)) -> Ar
         )
     _require_size(array.shape, where)
     numbers = array.astype(float)
-    if not np.all(finite := np.isfinite(numbers)):
-        place = tuple(int(index) for index in np.argwhere(~finite)[0])
+    if not np.all(usable := np.abs(numbers) <= _LARGEST):
+        place = tuple(int(index) for index in np.argwhere(~usable)[0])
         shown = ", ".join(str(index + 1) for index in place)
-        raise MatrixError(f"{where} has {numbers[place]} at ({shown}); must be finite")
+        allowed = f"at most {_LARGEST:g}" if np.isfinite(numbers[place]) else "finite"
+        raise MatrixError(f"{where} has {numbers[place]} at ({shown}); must be {allowed}")
     return numbers
 
 
