@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,8 @@ def consistent(builder: Builder) -> Problem:
         tolerance = RANK_TOLERANCE_FOUND if mechanism.assemble else RANK_TOLERANCE
         released, shared = _independent(builder, problem, every, tolerance, named)
         if released:
-            gaps = redundancy.Gaps.of(problem, released, _scale(problem.u0))
+            scaled = scipy.sparse.csc_array(every.multiply(_scale(problem.u0)[:, None]))
+            gaps = partial(redundancy.gaps, problem, released, column_norms(scaled))
             problem = replace(builder.problem(released, shared), u0=problem.u0, gaps=gaps)
         problem = replace(problem, v0=_velocities(builder, problem, released, every))
     if problem.n > DENSE_UP_TO:

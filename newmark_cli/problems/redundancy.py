@@ -5,7 +5,6 @@ and far above its rounding.  Its inverse enlarges null vectors by 1/δ and all o
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
@@ -97,30 +96,14 @@ def dependence(kept: scipy.sparse.csc_array, others: Array) -> tuple[Array, Arra
     return coefficients, np.asarray(others - kept @ coefficients)
 
 
-@dataclass(frozen=True, eq=False)
-class Gaps:
-    """By how much constraints that were released as redundant are open.
+def gaps(
+    whole: Problem, released: Sequence[int], lengths: Array, t: float, u: Array
+) -> tuple[float, str, float]:
+    """`newmark_cli.problems.problem.Problem.gaps` of released constraints of the whole problem.
 
-    Attributes:
-        whole: The problem with all constraints.
-        released: Numbers of those that were released.
-        lengths: (m,) by what values of constraints are divided, so that 1 is the size of the
-            mechanism, or one radian.
+    Values are divided by (m,) lengths, so that 1 is the size of the mechanism, or one radian.
     """
-
-    whole: Problem
-    released: Sequence[int]
-    lengths: Array
-
-    @classmethod
-    def of(cls, whole: Problem, released: Sequence[int], scale: Array) -> "Gaps":
-        """Relative to a (n,) scale of coordinates."""
-        gradient = scipy.sparse.csc_array(gradient_of(whole, whole.u0).multiply(scale[:, None]))
-        return cls(whole, released, column_norms(gradient))
-
-    def __call__(self, t: float, u: Array) -> tuple[float, str, float]:
-        """The largest gap, its constraint, and the largest of the constraints that were kept."""
-        away = np.abs(self.whole.constraint_values(t, u)) / self.lengths
-        kept = float(np.delete(away, self.released).max(initial=0.0))
-        worst = self.released[int(np.argmax(away[list(self.released)]))]
-        return float(away[worst]), self.whole.constraint_names[worst], kept
+    away = np.abs(whole.constraint_values(t, u)) / lengths
+    kept = float(np.delete(away, released).max(initial=0.0))
+    worst = released[int(np.argmax(away[list(released)]))]
+    return float(away[worst]), whole.constraint_names[worst], kept
