@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.mechanisms import elements, laws
+from newmark_cli.mechanisms import elements, laws, rates
 from newmark_cli.problems.problem import Pattern
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -140,11 +140,11 @@ class ElementList:
         behind = any(laws.stands_behind(law) for _, law in timed)
         rare = behind or any(kind >= elements.COUPLE for kind in kinds)
         angular = behind or not kinds.isdisjoint(elements.ANGULAR)
-        common = elements.constraint_derivatives
+        common = rates.constraint_derivatives
         return {
             "function": elements.evaluate_all if rare else elements.evaluate,
-            "derivatives": elements.all_constraint_derivatives if angular else common,
-            "potential": elements.potential if conservative else None,
+            "derivatives": rates.all_constraint_derivatives if angular else common,
+            "potential": rates.potential if conservative else None,
             "ints": ints[None],
             "reals": reals[None],
             "pattern": Pattern(*mass, *entries),

@@ -6,7 +6,8 @@ An element is a few sums of coordinates, s = A u + a.  A constraint is a row of 
 
 its column of G is Aᵀ t + Bᵀ s + b, and its tangent X = −λ (Aᵀ B + Bᵀ A).  The factors are kept,
 not their products: ½ uᵀQu would round with the size of u.  Φ'' and the tangents of Φ' and Φ'' are
-Φ and G of the same row, without what is constant, at the velocities and at the accelerations.
+Φ and G of the same row, without what is constant, at the velocities and at the accelerations: see
+`rates`.
 
 Most sums come in twos or threes that differ by their axis only: x, y and z of a combination of
 points, or of positions and directors.  Their weights stand once, and their places are those of x.
@@ -77,10 +78,10 @@ CONSTRAINTS = (*QUADRATIC, *ANGULAR)
 #: Parameters of a law of time.
 LAW = 6
 #: Which derivative of a law: each literal number would compile it once more.
-_VALUE, _RATE, _SECOND = np.int64(0), np.int64(1), np.int64(2)
+VALUE, RATE, ACCELERATION = np.int64(0), np.int64(1), np.int64(2)
 #: How many weights a term of s has: two where an angle turns it.
-_PLAIN, _TURNED = np.int64(1), np.int64(2)
-#: The `_shape` of a distance between points of the plane.
+PLAIN, TURNED = np.int64(1), np.int64(2)
+#: The `shape_of` of a distance between points of the plane.
 _BAR = (True, np.int64(1), np.int64(2))
 
 #: The angle of a torsion spring jumps at ±π; closer to it than this (rad) there is no force.
@@ -88,7 +89,7 @@ _WOUND = 0.05
 
 
 @_inline
-def _shape(ints, e):
+def shape_of(ints, e):
     """Whether a row is a square, sums with weights of their own, and axes."""
     return ints[0, e + KIND] == SQUARE, ints[0, e + SUMS], ints[0, e + AXES]
 
@@ -132,7 +133,7 @@ def _sums(vector, whole, turn, shape, ints, reals, place, count, weight, constan
 
 
 @_inline
-def _first(vector, whole, turn, shape, ints, reals, e):
+def first_sums(vector, whole, turn, shape, ints, reals, e):
     """The sums s of the element at e; 0 for whole leaves out what is constant."""
     return _sums(
         vector, whole, turn, shape, ints, reals, e + PLACES, ints[0, e + FIRST],
@@ -158,13 +159,13 @@ def _spread(values, g, turn, shape, reals, count, weight, vector):
 
 
 @_inline
-def _gradient(vector, whole, turn, shape, ints, reals, e, values, g):
+def gradient(vector, whole, turn, shape, ints, reals, e, values, g):
     """The row at e at a vector: its sum of products, and its column of G as values at its places.
 
     Args:
         vector: (n,).
         whole: 1; 0 without what is constant or linear in it.
-        turn, shape: See `_weight` and `_shape`.
+        turn, shape: See `_weight` and `shape_of`.
         ints, reals: Element tables, see the module.
         e: Where the row begins.
         values: Entries of G, of which those of the row are overwritten.
@@ -172,11 +173,11 @@ def _gradient(vector, whole, turn, shape, ints, reals, e, values, g):
     """
     is_square, sums, axes = shape
     first, second, single = _counts(is_square, turn, ints, e)
-    at, weight, plain = e + PLACES, ints[0, e + WEIGHTS], (_PLAIN, turn[1], turn[2])
+    at, weight, plain = e + PLACES, ints[0, e + WEIGHTS], (PLAIN, turn[1], turn[2])
     behind = weight + turn[0] * sums * first
     product = vector.dtype.type(0)
     if axes > 0:
-        s = t = _first(vector, whole, turn, shape, ints, reals, e)
+        s = t = first_sums(vector, whole, turn, shape, ints, reals, e)
         if not is_square:
             constant = ints[0, e + REALS] + turn[0] * sums * axes
             t = _sums(
@@ -202,7 +203,7 @@ def _row(law, turn, shape, u, multipliers, ints, reals, e, results):
     first, second, single = _counts(is_square, turn, ints, e)
     row, x, g, at = ints[0, e + ROW], ints[0, e + X_START], ints[0, e + G_START], e + PLACES
     multiplier = multipliers[row]
-    product = _gradient(u, u.dtype.type(1), turn, shape, ints, reals, e, g_values, g) - law
+    product = gradient(u, u.dtype.type(1), turn, shape, ints, reals, e, g_values, g) - law
     phi[row] = u.dtype.type(0.5) * product if is_square else product
     for k in range(first + second):
         for c in range(axes):
@@ -230,14 +231,14 @@ def _row(law, turn, shape, u, multipliers, ints, reals, e, results):
 def _turned_row(angle, u, multipliers, ints, reals, e, results):
     """The same of a row that an angle turns."""
     sine, cosine = sine_cosine(angle, u.dtype.type)
-    turn, zero = (_TURNED, cosine, sine), u.dtype.type(0)
-    _row(zero, turn, _shape(ints, e), u, multipliers, ints, reals, e, results)
+    turn, zero = (TURNED, cosine, sine), u.dtype.type(0)
+    _row(zero, turn, shape_of(ints, e), u, multipliers, ints, reals, e, results)
 
 
 @_part
-def _gradient_of(vector, whole, turn, ints, reals, e, values, g):
-    """The `_gradient` of any row, not inlined: that would take long to compile."""
-    return _gradient(vector, whole, turn, _shape(ints, e), ints, reals, e, values, g)
+def gradient_of(vector, whole, turn, ints, reals, e, values, g):
+    """The `gradient` of any row, not inlined: that would take long to compile."""
+    return gradient(vector, whole, turn, shape_of(ints, e), ints, reals, e, values, g)
 
 
 @_inline
@@ -265,10 +266,10 @@ def _block(values, at, shape, reals, weight, other, count, tensor):
 @_inline
 def _along_line(u, v, ints, reals, e, force, x_values, y_values):
     """A spring or a damper, whose force is −tension L, or a torque, across L."""
-    kind, shape, real = ints[0, e + KIND], _shape(ints, e), u.dtype.type
+    kind, shape, real = ints[0, e + KIND], shape_of(ints, e), u.dtype.type
     first, parameter, weight = ints[0, e + FIRST], ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
-    plain = (_PLAIN, real(1), real(0))
-    x, y, z = _first(u, real(1), plain, shape, ints, reals, e)
+    plain = (PLAIN, real(1), real(0))
+    x, y, z = first_sums(u, real(1), plain, shape, ints, reals, e)
     square = x * x + y * y + z * z
     tension, damping = real(0), reals[0, parameter] / square
     # The tangent of −F is tension 1 + L mᵀ; that of a torque L mᵀ + m Lᵀ.
@@ -280,7 +281,7 @@ def _along_line(u, v, ints, reals, e, force, x_values, y_values):
         rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
         mx, my, mz = rank * x, rank * y, rank * z
     else:
-        wx, wy, wz = _first(v, real(0), plain, shape, ints, reals, e)
+        wx, wy, wz = first_sums(v, real(0), plain, shape, ints, reals, e)
         product = x * wx + y * wy + z * wz
         tension, twice = damping * product, real(2) * product / square
         mx, my = damping * (wx - twice * x), damping * (wy - twice * y)
@@ -340,14 +341,14 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         kind, parameter, begin = ints[0, e + KIND], ints[0, e + PARAMETERS], e
         e += ints[0, e + SIZE]
         if kind in QUADRATIC:
-            turn, shape = (_PLAIN, one, zero), _shape(ints, begin)
+            turn, shape = (PLAIN, one, zero), shape_of(ints, begin)
             if shape == _BAR:  # the commonest row of the plane: code of its own
                 law = reals[0, parameter]
                 _row(law, turn, _BAR, u, multipliers, ints, reals, begin, results)
                 continue
             law = zero
             if ints[0, begin + GIVEN] == LAW:
-                law = _law(t, reals, parameter, _VALUE)
+                law = _law(t, reals, parameter, VALUE)
             elif ints[0, begin + GIVEN] > 0:
                 law = reals[0, parameter]
             _row(law, turn, shape, u, multipliers, ints, reals, begin, results)
@@ -355,14 +356,14 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
             for c in range(ints[0, begin + AXES]):
                 force[ints[0, begin + PLACES] + c] += reals[0, parameter + c]
         elif kind == ANGLE:
-            angle = _law(t, reals, parameter, _VALUE)
+            angle = _law(t, reals, parameter, VALUE)
             _turned_row(angle, u, multipliers, ints, reals, begin, results)
         elif kind in (SPRING, DAMPER, TORQUE):
             _along_line(u, v, ints, reals, begin, force, x_values, y_values)
 
 
 @_part
-def _along(vector, ints, reals, e, columns):
+def times_columns(vector, ints, reals, e, columns):
     """The columns (k,) of G of s and t of the row at e, times a vector (n,)."""
     axes, total = ints[0, e + AXES], vector.dtype.type(0)
     for k in range(columns.shape[0]):
@@ -378,8 +379,8 @@ def _couple(u, multipliers, ints, reals, e, results):
     entries = ints[0, e + AXES] * ints[0, e + SECOND]
     place, row = ints[0, e + PLACES + ints[0, e + SECOND]], ints[0, e + ROW]
     sine, cosine = sine_cosine(u[place], u.dtype.type)
-    further = (_TURNED, -sine, cosine)
-    turned = _gradient_of(u, u.dtype.type(1), further, ints, reals, e, g_values, g)
+    further = (TURNED, -sine, cosine)
+    turned = gradient_of(u, u.dtype.type(1), further, ints, reals, e, g_values, g)
     for k in range(entries):  # in row and column of the angle
         x_values[x + 2 * k] = x_values[x + 2 * k + 1] = -multipliers[row] * g_values[g + k]
     _turned_row(u[place], u, multipliers, ints, reals, e, results)
@@ -441,11 +442,11 @@ def _moment(u, ints, reals, e, force, x_values):
 
 
 @_part_allocating
-def _angle(u, ints, reals, e, of_sine, of_cosine):
+def hinge_angle(u, ints, reals, e, of_sine, of_cosine):
     """Sine and cosine of a hinge's angle, times what they have in common, and their gradients."""
     one, zero, begin = u.dtype.type(1), u.dtype.type(0), np.int64(0)
-    sine = _gradient_of(u, one, (_TURNED, one, zero), ints, reals, e, of_sine, begin)
-    cosine = _gradient_of(u, one, (_TURNED, zero, -one), ints, reals, e, of_cosine, begin)
+    sine = gradient_of(u, one, (TURNED, one, zero), ints, reals, e, of_sine, begin)
+    cosine = gradient_of(u, one, (TURNED, zero, -one), ints, reals, e, of_cosine, begin)
     return sine, cosine
 
 
@@ -457,14 +458,14 @@ def _hinge(u, v, ints, reals, e, force, x_values, y_values):
     axes = ints[0, e + AXES]
     size = axes * (first + ints[0, e + SECOND])
     of_sine, of_cosine = np.empty(size, u.dtype), np.empty(size, u.dtype)
-    sine, cosine = _angle(u, ints, reals, e, of_sine, of_cosine)
+    sine, cosine = hinge_angle(u, ints, reals, e, of_sine, of_cosine)
     square = sine * sine + cosine * cosine
     g, turned = np.empty(size, u.dtype), np.zeros(size, u.dtype)
     for i in range(size):
         g[i] = (cosine * of_sine[i] - sine * of_cosine[i]) / square
-    parameter, turn = ints[0, e + PARAMETERS], (_TURNED, cosine, sine)
+    parameter, turn = ints[0, e + PARAMETERS], (TURNED, cosine, sine)
     stiffness, damping = reals[0, parameter + 1], reals[0, parameter + 3]
-    torque = reals[0, parameter] - damping * _along(v, ints, reals, e, g)
+    torque = reals[0, parameter] - damping * times_columns(v, ints, reals, e, g)
     if stiffness != 0:
         angle = np.arctan2(sine.real, cosine.real)
         if np.abs(angle) > np.pi - _WOUND:
@@ -509,7 +510,7 @@ def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_valu
             results = (force, phi, x_values, g_values)
             _couple(u, multipliers, ints, reals, e, results)
         elif kind == FORCE:
-            w, law = ints[0, e + WEIGHTS], _law(t, reals, ints[0, e + PARAMETERS], _VALUE)
+            w, law = ints[0, e + WEIGHTS], _law(t, reals, ints[0, e + PARAMETERS], VALUE)
             for k in range(ints[0, e + SINGLE]):
                 force[ints[0, e + PLACES + k]] += reals[0, w + k] * law
         elif kind == TWIST:
@@ -519,148 +520,3 @@ def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_valu
         elif kind == HINGE:
             _hinge(u, v, ints, reals, e, force, x_values, y_values)
         e += ints[0, e + SIZE]
-
-
-@_compile
-def constraint_derivatives(
-    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-):
-    """Terms of Φ' and Φ'' besides Gᵀ v and Gᵀ u'', and the tangents of both to u.
-
-    Not of `ANGLE` and `COUPLE`.
-
-    Args:
-        t: Time (s).
-        u, v, w: (n,) coordinates, velocities and accelerations.
-        ints, reals: Element tables, see the module.
-        rate: (m,) overwritten; Φ' = Gᵀ v + rate.
-        curvature: (m,) overwritten; Φ'' = Gᵀ u'' + curvature.
-        rate_values: Overwritten with the entries of ∂(Gᵀ v + rate)/∂u, transposed, at
-            the places of those of G.
-        acceleration_values: The same for ∂(Gᵀ w + curvature)/∂u.
-    """
-    zero, two, e = u.dtype.type(0), u.dtype.type(2), np.int64(0)
-    turn = (_PLAIN, zero, zero)
-    while e < ints.shape[1]:
-        kind, row, begin = ints[0, e + KIND], ints[0, e + ROW], e
-        e += ints[0, e + SIZE]
-        if kind in QUADRATIC:
-            # Φ'' and the tangents are Φ and G of v and w.
-            g, product = ints[0, begin + G_START], zero
-            for k in range(2):
-                vector, values = (w, acceleration_values) if k == 0 else (v, rate_values)
-                product = _gradient_of(vector, zero, turn, ints, reals, begin, values, g)
-            rate[row], curvature[row] = zero, product if kind == SQUARE else two * product
-            if ints[0, begin + GIVEN] == LAW:
-                parameters = ints[0, begin + PARAMETERS]
-                rate[row] = -_law(t, reals, parameters, _RATE)
-                curvature[row] -= _law(t, reals, parameters, _SECOND)
-
-
-@_part_allocating
-def _turn(u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rates, accelerations):
-    """A row of an angle with its rates: N = cos θ Q − sin θ P, N' and N''."""
-    one, zero, two = u.dtype.type(1), u.dtype.type(0), u.dtype.type(2)
-    row, g = ints[0, e + ROW], ints[0, e + G_START]
-    size = ints[0, e + AXES] * (ints[0, e + FIRST] + ints[0, e + SECOND])
-    sine, cosine = sine_cosine(angle, u.dtype.type)
-    # N at w and v, N' and N'' at u, N' at v.
-    columns, products = np.empty((5, size), u.dtype), np.empty(5, u.dtype)
-    vectors, wholes = (w, v, u, u, v), (zero, zero, one, one, zero)
-    cosines, sines = (cosine, cosine, -sine, -cosine, -sine), (sine, sine, cosine, -sine, cosine)
-    for k in range(5):
-        sides = (_TURNED, cosines[k], sines[k])
-        products[k] = _gradient_of(
-            vectors[k], wholes[k], sides, ints, reals, e, columns[k], np.int64(0)
-        )
-    by_angle, again, turned = products[2], products[3], products[4]
-    mixed, bent = _along(v, ints, reals, e, columns[2]), _along(v, ints, reals, e, columns[3])
-    for i in range(size):
-        rates[g + i] = columns[1, i] + turn * columns[2, i]
-        accelerations[g + i] = columns[0, i] + (
-            faster * columns[2, i] + turn * turn * columns[3, i]
-        )
-        accelerations[g + i] += two * turn * columns[4, i]
-    curvature[row] = two * products[1] + two * turn * mixed
-    curvature[row] += turn * turn * again
-    if ints[0, e + KIND] == ANGLE:
-        rate[row] = turn * by_angle
-        curvature[row] += faster * by_angle
-    else:  # the angle is a coordinate, with a column of its own
-        rate[row] = zero
-        rates[g + size] = mixed + turn * again
-        pushed = _along(w, ints, reals, e, columns[2])
-        accelerations[g + size] = (
-            pushed + faster * again + two * turned + two * turn * bent - turn * turn * by_angle
-        )
-
-
-@_compile_allocating
-def all_constraint_derivatives(
-    t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-):
-    """The same of all kinds of elements, and of laws of time behind them."""
-    t, reals = at_time(t, ints, reals)
-    constraint_derivatives(
-        t, u, v, w, ints, reals, rate, curvature, rate_values, acceleration_values
-    )
-    e = np.int64(0)
-    while e < ints.shape[1]:
-        angle, turn, faster = u.dtype.type(0), u.dtype.type(0), u.dtype.type(0)
-        if ints[0, e + KIND] == COUPLE:
-            place = ints[0, e + PLACES + ints[0, e + SECOND]]
-            angle, turn, faster = u[place], v[place], w[place]
-        elif ints[0, e + KIND] == ANGLE:
-            parameters = ints[0, e + PARAMETERS]
-            angle = _law(t, reals, parameters, _VALUE)
-            turn = _law(t, reals, parameters, _RATE)
-            faster = _law(t, reals, parameters, _SECOND)
-        if ints[0, e + KIND] in ANGULAR:
-            _turn(
-                u, v, w, angle, turn, faster, ints, reals, e, rate, curvature, rate_values,
-                acceleration_values,
-            )  # fmt: skip
-        e += ints[0, e + SIZE]
-
-
-@_compile_allocating
-def potential(t, u, v, ints, reals):
-    """Potential energy of springs, torsion springs and loads (J): ½ k (|L| − l)², −F·P.
-
-    Args:
-        t: Time (s).
-        u, v: (n,) coordinates and velocities; v is not used.
-        ints, reals: Element tables, see the module.
-    """
-    t, reals = at_time(t, ints, reals)
-    energy, e = 0.0, np.int64(0)
-    while e < ints.shape[1]:
-        kind, p, at = ints[0, e + KIND], ints[0, e + PARAMETERS], e + PLACES
-        weight = ints[0, e + WEIGHTS]
-        if kind == LOAD:
-            work = 0.0
-            for c in range(ints[0, e + AXES]):
-                work += reals[0, p + c] * u[ints[0, at] + c]
-            energy -= work
-        elif kind == SPRING:
-            x, y, z = _first(u, 1.0, (_PLAIN, 1.0, 0.0), _shape(ints, e), ints, reals, e)
-            stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
-            energy += reals[0, p] * stretch * stretch / 2
-        elif kind == FORCE:
-            work = 0.0
-            for k in range(ints[0, e + SINGLE]):
-                work += reals[0, weight + k] * u[ints[0, at + k]]
-            energy -= work * _law(t, reals, p, _VALUE)
-        elif kind == TWIST:
-            wound = -reals[0, p]
-            for k in range(ints[0, e + SINGLE]):
-                wound += reals[0, weight + k] * u[ints[0, at + k]]
-            energy += reals[0, p + 1] * wound * wound / 2
-        elif kind == HINGE:
-            size = ints[0, e + AXES] * (ints[0, e + FIRST] + ints[0, e + SECOND])
-            gradients = np.empty((2, size))
-            sine, cosine = _angle(u, ints, reals, e, gradients[0], gradients[1])
-            wound = np.arctan2(sine, cosine) - reals[0, p + 2]
-            energy += reals[0, p + 1] * wound * wound / 2
-        e += ints[0, e + SIZE]
-    return energy
