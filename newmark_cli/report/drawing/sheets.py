@@ -102,36 +102,32 @@ _FLOOR = Look("#000000", "+", 4.0, linestyle=":", linewidth=0.8)
 _MOST_FITS = 4
 
 
-class _Looks:
-    """Label, look and group of every series of a figure."""
-
-    def __init__(self, figure: Figure, slopes: Mapping[SeriesKey, Slope]) -> None:
-        groups = {part.group for part in figure.parts}
-        self._figure = figure
-        self._group = {part: part.group if len(groups) > 1 else "" for part in figure.parts}
-        self._places: dict[str, list[str]] = {}
-        points: dict[str, set[float]] = {}
-        for part in figure.parts:
-            labels = self._places.setdefault(self._group[part], [])
-            for curve in part.curves:
-                labels += [] if curve.label in labels else [curve.label]
-                slope = slopes[curve.key]
-                points.setdefault(curve.label, set()).update(slope.h[np.isfinite(slope.values)])
-        self._alone = {label: h.pop() for label, h in points.items() if len(h) == 1}
-
-    def __call__(self, part: Part, label: str) -> dict[str, Any]:
-        """Attributes of the trace of a series."""
-        group = self._group[part]
-        place = self._places[group].index(label)
-        own = self._figure.looks.get(label, {})
-        name = f"{label} (h = {step(self._alone[label])} only)" if label in self._alone else label
-        return {
-            "label": name,
-            "look": replace(look(place), **own),
-            "place": None if own else place,
-            "group": group,
-            "name": ", ".join(filter(None, (part.title, label))),
-        }
+def _looks(
+    figure: Figure, slopes: Mapping[SeriesKey, Slope]
+) -> dict[tuple[Part, str], dict[str, Any]]:
+    """Panel and label of a series → attributes of its trace."""
+    several = len({part.group for part in figure.parts}) > 1
+    sizes: dict[str, set[float]] = {}
+    for curve in figure.curves:
+        slope = slopes[curve.key]
+        sizes.setdefault(curve.label, set()).update(slope.h[np.isfinite(slope.values)].tolist())
+    places: dict[str, dict[str, int]] = {}
+    looks = {}
+    for part in figure.parts:
+        group = part.group if several else ""
+        of_group = places.setdefault(group, {})
+        for label in (curve.label for curve in part.curves):
+            place = of_group.setdefault(label, len(of_group))
+            own = figure.looks.get(label, {})
+            only = f" (h = {step(*sizes[label])} only)" if len(sizes[label]) == 1 else ""
+            looks[part, label] = {
+                "label": label + only,
+                "look": replace(look(place), **own),
+                "place": None if own else place,
+                "group": group,
+                "name": ", ".join(filter(None, (part.title, label))),
+            }
+    return looks
 
 
 def step(h: float) -> str:
@@ -151,7 +147,7 @@ def _orders(figure: Figure, results: Results) -> Sheet:
     """
     cost = COSTS[results.cost] if figure.kind == "work" else None
     series, spent = costed(figure, results) if cost else (results.series(figure), {})
-    looks = _Looks(figure, series)
+    looks = _looks(figure, series)
     panels = []
     for part in figure.parts:
         own = [series[curve.key] for curve in part.curves]
@@ -159,7 +155,7 @@ def _orders(figure: Figure, results: Results) -> Sheet:
         fits = len(figure.parts) == 1 or len(own) <= _MOST_FITS
         drawn = []
         for curve, slope in zip(part.curves, own, strict=True):
-            attributes = looks(part, curve.label)
+            attributes = dict(looks[part, curve.label])
             if cost:
                 work = spent[curve.key]
                 said = f"{quantity(slope)}, {attributes['name']}: {ends(slope, work, cost)}"
