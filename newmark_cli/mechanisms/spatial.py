@@ -241,7 +241,7 @@ class SpatialBuilder(builder.Builder):
             vectors = self._about(joint, *numbers, path)
         elif kind.axes == 2:
             vectors = self._crossed(joint, *numbers, path)
-        elif joint.type == "rigid":
+        elif kind.dots:
             vectors = [
                 {f"e{i + 1}": self._seen(body, axis) for i, axis in enumerate(np.eye(3))}
                 for body in numbers
