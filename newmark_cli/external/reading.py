@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 #: What the runs of a series differ in; the first that a table has counts.
 STEP_SIZE, TOLERANCE = "h", "tolerance"
 ABSCISSAS = (STEP_SIZE, TOLERANCE, "steps")
-#: Parts of a state.
-STATE = ("u", "v", "lambda", "output")
 #: Axes that say which method a code has.
 METHOD = ("integrator", "formulation", "projection", "multipliers", "start", "evaluation")
 #: Columns besides the state: of numbers, and of text.

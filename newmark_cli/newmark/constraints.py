@@ -193,11 +193,6 @@ class Constraining:
         """Whether a row of constraints has more than Φ itself."""
         return bool(np.any(self.weights[:, 1:]))
 
-    @property
-    def rated(self) -> bool:
-        """Whether Φ' is asked for, in a row or for a projection."""
-        return self.differentiated or self.scheme.projection.level > 0
-
     def directions(self, g: Array) -> Array:
         """The terms of P for these entries of G; none without η."""
         terms = self.projector

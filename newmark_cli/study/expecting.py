@@ -46,7 +46,6 @@ from newmark_cli.support.retired import RETIRED
 from newmark_cli.support.spelling import nearest
 
 _MOST = 1_000
-_Choice = Mapping[str, Sequence[str]]
 #: Keys of which an expectation has one at least.
 _ASSERTS = ("slope", "at_most", "at_least", "spread", "status")
 #: Axes of a case that tell its series apart.
