@@ -298,8 +298,8 @@ def _increase_phi(phi_old, g_old, g_new, rows, columns, shift, phi):
 
 
 @_inline
-def _assemble_residual(problem, tables, history, moving, force, constraints, rhs):
-    """Set ``rhs`` to −D_L b, row blocks D, the kept ones of V and K, constraints (k, m)."""
+def _assemble_residual(problem, tables, history, moving, force, rhs):
+    """Set row blocks D and the kept ones of V and K of −D_L b."""
     n, p, extra = moving.shape[1], tables.kept.shape[0], tables.row_weights.shape[0]
     for i in range(n):
         rhs[i] = force[i] - history.dynamics[i]
@@ -319,10 +319,18 @@ def _assemble_residual(problem, tables, history, moving, force, constraints, rhs
             for k in range(p):
                 residual += tables.row_weights[r, k] * moving[tables.kept[k], i]
             rhs[(1 + r) * n + i] = -tables.left[1 + r] * residual
-    for row in range(constraints.shape[0]):
-        first = p * n + row * constraints.shape[1]
-        for k in range(constraints.shape[1]):
-            rhs[first + k] = -tables.left[1 + extra + row] * constraints[row, k]
+
+
+@_inline
+def _append_constraints(tables, row, values, rhs):
+    """Set a row of constraints of −D_L b from its values (m,)."""
+    first = (
+        rhs.shape[0]
+        - (tables.left.shape[0] - 1 - tables.row_weights.shape[0] - row) * (values.shape[0])
+    )
+    factor = -tables.left[1 + tables.row_weights.shape[0] + row]
+    for k in range(values.shape[0]):
+        rhs[first + k] = factor * values[k]
 
 
 @_inline
@@ -700,12 +708,12 @@ def _evaluate_formulated(evaluate, derive, t, problem, tables, extra, state, roo
         _form_acceleration(tables, state)
         _differentiate(derive, t, problem, iterate, state, values, work)
     _assemble_constraints(problem, extra, state, values, room.constraints, work)
-    _assemble_residual(
-        problem, tables, room.history, iterate.moving, values.force, room.constraints,
-        room.system.rhs,
-    )  # fmt: skip
+    rhs = room.system.rhs
+    _assemble_residual(problem, tables, room.history, iterate.moving, values.force, rhs)
+    for row in range(extra.rows.shape[0]):
+        _append_constraints(tables, row, room.constraints[row], rhs)
     if extra.stabilised != 0:
-        _push_residual(problem, tables, extra, iterate.moving.shape[1], work, room.system.rhs)
+        _push_residual(problem, tables, extra, iterate.moving.shape[1], work, rhs)
 
 
 @_part
@@ -968,9 +976,8 @@ def _march(
         while solves < schedule.cap:
             if solve is not None:
                 _evaluate(evaluate, t, multipliers, problem, iterate, state, values)
-                _assemble_residual(
-                    problem, tables, history, moving, values.force, room.constraints, rhs
-                )
+                _assemble_residual(problem, tables, history, moving, values.force, rhs)
+                _append_constraints(tables, 0, values.phi, rhs)
             if extra is not None:
                 _evaluate_formulated(
                     evaluate, derive, t, problem, tables, extra, state, room, solves

@@ -24,16 +24,13 @@ def test_the_residual_is_that_of_the_equations(n, m, extra, seed):
     force, dynamics, phi = (random.normal(size=size) for size in (n, n, m))
     found = np.empty((1 + extra) * n + m)
     rows_of_mass, columns_of_mass = np.indices((n, n)).reshape(2, -1)
-    kernel._assemble_residual.py_func(
-        SimpleNamespace(
-            mass_rows=rows_of_mass, mass_columns=columns_of_mass, mass_values=mass.ravel()
-        ),
-        SimpleNamespace(
-            kept=kept, left=left, dynamic_weights=weights, row_weights=row_weights
-        ),
-        SimpleNamespace(dynamics=dynamics, rows=rows),
-        moving, force, phi[None], found,
-    )  # fmt: skip
+    problem = SimpleNamespace(
+        mass_rows=rows_of_mass, mass_columns=columns_of_mass, mass_values=mass.ravel()
+    )
+    tables = SimpleNamespace(kept=kept, left=left, dynamic_weights=weights, row_weights=row_weights)
+    history = SimpleNamespace(dynamics=dynamics, rows=rows)
+    kernel._assemble_residual.py_func(problem, tables, history, moving, force, found)
+    kernel._append_constraints.py_func(tables, 0, phi, found)
     equations = [
         mass @ (weights @ moving[kept]) + dynamics - force,
         *(row_weights @ moving[kept] + rows),
