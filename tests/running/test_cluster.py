@@ -193,13 +193,15 @@ def test_a_cell_that_does_not_come_back_fails_alone(cli, scheduler):
     _, address, workers = scheduler
     workers(1)
     write_swings(cli, "hang", "exit", "")
-    done = cli(
+    run = cli.start(
         "run", "swings.yaml", "--allow-code", "--executor", "dask", "--scheduler", address,
-        "--timeout", 3, "-v", code=1,
+        "--timeout", 3, "-v",
     )  # fmt: skip
-    assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
+    output, errors = run.communicate(timeout=120)
+    assert run.returncode == 1, errors
+    assert output == "swings: 2 failed, 1 ok -> results/swings.csv\n", errors
     waits = f"waiting for workers: the dask scheduler at {address} has none\n"
-    require_failed_alone(done.stderr.replace(waits, ""), f"3 cells on the workers of {address}")
+    require_failed_alone(errors.replace(waits, ""), f"3 cells on the workers of {address}")
 
 
 #: The command; before it reads the first result, others try to get into its cluster.
