@@ -139,7 +139,7 @@ def plain(tmp_path_factory):
     cli("run", "quick.yaml")
     for command in DRAWING:
         cli(*command)
-    assert len(figures(cli)) >= 4
+    assert len(figures(cli)) >= 3
     return cli
 
 
