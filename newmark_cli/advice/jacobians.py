@@ -460,7 +460,3 @@ def _findings(
         yield f"it is {gain:.3g} times worse conditioned than with the factors above"
     else:
         yield "it is as well conditioned as with the optimal scaling"
-
-
-def _order(power: float) -> str:
-    return f"{round(power, 2) + 0.0:.2f}"  # no −0.00

@@ -19,10 +19,9 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.scaling import DISPLACEMENT_TO_A
 from newmark_cli.newmark.scheme import Scheme
-from newmark_cli.problems.algebra import LU, norm, product, spectral_norm
+from newmark_cli.problems.algebra import LU, spectral_norm
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
@@ -198,24 +197,6 @@ class Constraining:
         terms = self.projector
         return np.asarray(terms.values * g[terms.sources])
 
-    def pushed(self, directions: Array, eta: Array) -> Array:
-        """(n,) Pη."""
-        terms = self.projector
-        moved = directions * eta[terms.columns]
-        return np.asarray(np.bincount(terms.rows, moved, minlength=self.problem.n), float)
-
-    def norms(self, blocks: Sequence[Array], directions: Array) -> list[float]:
-        """Norms of what a march records of a correction, in the order of `Scheme.recorded`."""
-        scheme, p = self.scheme, len(self.scheme.form.kept)
-        norms = [norm(block) for block in blocks]
-        if self.stabilised:
-            pushed = self.pushed(directions, scheme.right[p + 1] * blocks[p + 1])
-            for field in map(FIELDS.index, scheme.form.eliminated):
-                factors = scheme.elimination.weights[field] * scheme.right[:p]
-                moved = self.eta[field] * pushed + product(factors, np.array(blocks[:p]))
-                norms.append(norm(moved))
-        return norms
-
     @cached_property
     def pairs(self) -> tuple[IndexArray, IndexArray]:
         """Pairs of entries of G that stand in one constraint."""
@@ -234,10 +215,6 @@ class Constraining:
                 for s0, s1, s2 in self.weights
             ]
         ).reshape(-1, 3, len(g))
-
-    def values(self, phi: Array, rate: Array, second: Array) -> Array:
-        """(k, m) of the rows, from Φ, Gᵀv + Φ_t and Gᵀv' + κ."""
-        return np.array([s0 * phi + s1 * rate + s2 * second for s0, s1, s2 in self.weights])
 
     def tangents_at(self, t: float, u: Array, v: Array, acceleration: Array) -> Tangents:
         """Tangents at a state, P being that of the state itself."""
