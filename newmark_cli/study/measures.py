@@ -159,6 +159,11 @@ class Record:
             values = np.where(stagnated, np.asarray(rows[self.at_limit], float), values)
         return np.asarray(values, float)
 
+    @property
+    def predicts(self) -> bool:
+        """Whether theory says anything of such rows."""
+        return self.predicted is not _unpredicted
+
 
 @dataclass(frozen=True)
 class Measure:
