@@ -14,6 +14,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
@@ -41,6 +42,7 @@ def drawn(
         sheet = replace(sheet, columns=columns)
         rows = -(-len(sheet.panels) // columns)
         drawing = Figure(figsize=(width, height or 1 + 3 * rows), layout="constrained")
+        FigureCanvasAgg(drawing)  # keeps its renderer, which measuring a text would make anew
         # Of a figure with a legend below it labels that panels share would stand in the legend.
         inner: Any = drawing.subfigures()
         subplots = inner.subplots(rows, columns, squeeze=False, sharex=sheet.share_x).ravel()
@@ -54,6 +56,8 @@ def drawn(
         for axes, panel in zip(grid, sheet.panels, strict=True):
             for name, handle in _draw(axes, panel, cycle):
                 entries.setdefault(name, handle)
+            for spine in axes.spines.values():
+                spine.set_in_layout(False)  # which would look at all ticks again
             if sheet.grid:
                 axes.grid(color="0.92", linewidth=0.5)
                 axes.set_axisbelow(True)
@@ -272,27 +276,35 @@ _DENSE: Any = {"handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8}
 _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 
 
+#: Most layouts of a figure, and from which change on (pixels) another one follows.
+_LAYOUTS, _SHIFT = 4, 0.5
+
+
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
-    """Lay out the figure, widths first; `UserWarning` if there is no room."""
+    """Lay out the figure until its panels keep their place; `UserWarning` if there is no room."""
     engine: Any = drawing.get_layout_engine()
     rows = -(-len(grid) // sheet.columns)
+    room = np.zeros(len(grid) + 1)
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message="constrained_layout not applied")
-        for _ in range(2):
+        for _ in range(_LAYOUTS):
             engine.execute(drawing)
-            box = grid[0].get_window_extent()
-            tall = box.height if height else drawing.dpi * _height(grid, sheet)
+            boxes = [axes.get_window_extent() for axes in grid]
+            tall = boxes[0].height if height else drawing.dpi * _height(grid, sheet)
+            more = tall - boxes[0].height
+            before, room = room, np.array([tall, *(box.width for box in boxes)])
+            if max(abs(more), *np.abs(room - before)) < _SHIFT:
+                break
+            # Texts are broken into lines by the room that they have, which they change.
             _write_labels(drawing, grid, sheet, tall)
             for place, axes in enumerate(grid):
                 _write_titles(axes, sheet, place, tall)
+            drawing.set_figheight(drawing.get_figheight() + rows * more / drawing.dpi)
+        else:
             engine.execute(drawing)
-            if height is None:
-                more = rows * (tall - grid[0].get_window_extent().height) / drawing.dpi
-                drawing.set_figheight(drawing.get_figheight() + more)
-        engine.execute(drawing)
-        boxes = [axes.get_window_extent() for axes in grid]
-        if any(min(box.width, box.height) < _LEAST * drawing.dpi for box in boxes):
-            raise UserWarning
+            boxes = [axes.get_window_extent() for axes in grid]
+    if any(min(box.width, box.height) < _LEAST * drawing.dpi for box in boxes):
+        raise UserWarning
     # With the engine "none" matplotlib would draw every file twice.
     with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
         drawing.set_layout_engine(None)
