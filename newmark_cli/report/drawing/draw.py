@@ -299,7 +299,8 @@ def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float |
             _write_labels(drawing, grid, sheet, tall)
             for place, axes in enumerate(grid):
                 _write_titles(axes, sheet, place, tall)
-            drawing.set_figheight(drawing.get_figheight() + rows * more / drawing.dpi)
+            if before.any():  # the texts have had their room
+                drawing.set_figheight(drawing.get_figheight() + rows * more / drawing.dpi)
         else:
             engine.execute(drawing)
             boxes = [axes.get_window_extent() for axes in grid]
