@@ -26,9 +26,8 @@ from newmark_cli.library import arguments
 from newmark_cli.library.marching import march
 from newmark_cli.library.scalings import (
     Factors,
-    formulation_of,
     integrator_or_newmark,
-    preconditioning_of,
+    read,
     scheme_of,
 )
 from newmark_cli.library.scalings import (
@@ -44,6 +43,7 @@ from newmark_cli.newmark.noise import carried
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import DIRECT, PRECISIONS, Scheme
+from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
 
@@ -253,9 +253,9 @@ def advise(
     """
     steps = _step_sizes(h)
     method = integrator_or_newmark(beta, gamma, integrator)
-    chosen = formulation_of(formulation)
+    chosen = read("formulation", formulation)
     about = subject_of(subject, None if t_end is None else arguments.positive("t_end", t_end))
-    variant = preconditioning_of(scaling, "scaling")
+    problem, variant = about.problem, read("scaling", scaling)
     schemes = partial(
         scheme_of, form=form, integrator=method, formulation=chosen, scaling=variant,
         evaluation=evaluation, precision=precision,
@@ -281,7 +281,7 @@ def advise(
     }
     forms = {
         name: _conditions(about, partial(schemes, form=name), steps[-1], variants)[0]
-        for name in (FORMS if about.n + about.m <= _MOST_COMPARED else ())
+        for name in (FORMS if problem.n + problem.m <= _MOST_COMPARED else ())
     }
     noise = _noise(about, schemes)
     floors = {
@@ -293,7 +293,7 @@ def advise(
         raise ArgumentError(f"a tolerance cannot be judged: {why}")
     if (tests or residual_tolerance is not None) and not all(floors[precision].values()):
         raise ArgumentError(
-            f"{about.name}: a tolerance can be judged only where a state u, v, a, lambda is given"
+            f"{problem.name}: a tolerance can be judged only where a state u, v, a, lambda is given"
         )
     tolerances = tuple(_tolerances(floors, scheme_at))
     too_coarse = dict.fromkeys(f"{one.h:g}" for one in tolerances if math.isnan(one.scaled))
@@ -313,9 +313,9 @@ def advise(
             "not converge from some of the states"
         )
     return Advice(
-        subject=about.name,
-        n=about.n,
-        m=about.m,
+        subject=problem.name,
+        n=problem.n,
+        m=problem.m,
         where=about.where,
         form=form,
         integrator=method.label,
@@ -325,7 +325,7 @@ def advise(
         condition=condition,
         orders=orders,
         factors=factors,
-        code={"numpy": _code(factors[least.h], method.symbols(least.h), about)},
+        code={"numpy": _code(factors[least.h], method.symbols(least.h), problem)},
         forms=forms,
         tolerances=tolerances,
         multipliers=about.multipliers,
@@ -347,13 +347,13 @@ def _conditions(
 ) -> tuple[dict[str, float], Equilibration | None]:
     """Condition number of each variant, and an equilibration where all of them are large."""
     scheme = schemes(h=h)
-    form, sizes = scheme.form, scheme.form.sizes(about.n, about.m)
+    form, sizes = scheme.form, scheme.form.sizes(about.problem.n, about.problem.m)
     try:
         inverted = Inverted(about.jacobian(scheme), sizes)
     except np.linalg.LinAlgError:
         return dict.fromkeys(variants, math.inf), None
     factors = {
-        name: scaling_factors(schemes(h=h, scaling=chosen), about.n, about.m)
+        name: scaling_factors(schemes(h=h, scaling=chosen), about.problem.n, about.problem.m)
         for name, chosen in variants.items()
     }
     condition = {name: inverted.condition(*both) for name, both in factors.items()}
@@ -450,7 +450,7 @@ def _crossing(grid: Array, parts: Array, fraction: float) -> float | None:
     return float(grid[k - 1] * (grid[k] / grid[k - 1]) ** place)
 
 
-def _code(factors: Factors, symbols: Mapping[str, float], about: Subject) -> tuple[str, ...]:
+def _code(factors: Factors, symbols: Mapping[str, float], problem: Problem) -> tuple[str, ...]:
     """Lines of NumPy to paste, for arrays of a factor for each row and each unknown."""
     fields = len(FORMS[factors.form].kept)
     size = len(factors.rows)
@@ -460,7 +460,7 @@ def _code(factors: Factors, symbols: Mapping[str, float], about: Subject) -> tup
         for formulas in (factors.left_formulas, factors.right_formulas)
     )
     return (
-        f"n, m, beta, gamma = {about.n}, {about.m}, {symbols['beta']!r}, {symbols['gamma']!r}",
+        f"n, m, beta, gamma = {problem.n}, {problem.m}, {symbols['beta']!r}, {symbols['gamma']!r}",
         f"left = np.repeat([{left}], [{counts}])",
         f"right = np.repeat([{right}], [{counts}])",
         "dq = right * np.linalg.solve(left[:, None] * J * right, -left * b)",

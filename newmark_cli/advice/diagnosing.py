@@ -12,6 +12,7 @@ from newmark_cli.newmark.floor import Floor
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import ROUNDING
 from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.study.measures import symbol
 
 #: In place of an unknown: the norm of all of them.
 ALL = "all"
@@ -23,7 +24,6 @@ TESTED, RESIDUAL_TESTED = ("scaled", "physical"), ("before", "after")
 SPREAD = 2.0
 #: What to set over the smallest tolerance.
 MARGIN = 3.0
-_SYMBOLS = {"lambda": "λ", "eta": "η"}
 
 
 def tolerances_of(tolerance: Any, unknowns: Sequence[str]) -> dict[str, float]:
@@ -53,7 +53,7 @@ def of_correction(
     floors: Mapping[float, Sequence[Floor]],
 ) -> str:
     """Say whether a tolerance on a correction can be met at each step size, and what to do."""
-    name = "all unknowns" if unknown == ALL else _SYMBOLS.get(unknown, unknown)
+    name = "all unknowns" if unknown == ALL else symbol(unknown)
     test = f"tolerance {tolerance:g} on the {tested} correction of {name}"
     sizes = {h: largest(of, unknown, tested, schemes[h]) for h, of in floors.items()}
     reached = {h: size for h, size in sizes.items() if not math.isnan(size)}
@@ -64,16 +64,17 @@ def of_correction(
     worst = unknown
     if unknown == ALL:
         worst = max(scheme.form.solved, key=lambda one: largest(of_all, one, tested, scheme))
-    factor, symbol, cure = scheme.scaling.right.get(worst), _SYMBOLS.get(worst, worst), ""
+    factor, cure = scheme.scaling.right.get(worst), ""
     if factor is None or factor.order() >= 0:
         cure = (
-            f"{symbol} is not scaled under {scheme.scaling.name}: scale the unknowns, and test "
-            "those that the solver sees"
+            f"{symbol(worst)} is not scaled under {scheme.scaling.name}: scale the unknowns, and "
+            "test those that the solver sees"
         )
     elif tested == "physical":
         cure = (
-            f"{symbol} is tested after unscaling: test {factor**-1} · {symbol} instead, whose last "
-            f"correction is {largest(of_all, worst, 'scaled', scheme):.2g} at h = {least:g}"
+            f"{symbol(worst)} is tested after unscaling: test {factor**-1} · {symbol(worst)} "
+            "instead, whose last correction is "
+            f"{largest(of_all, worst, 'scaled', scheme):.2g} at h = {least:g}"
         )
     return _judged(test, tolerance, reached, "Newton's last correction", cure)
 
@@ -87,7 +88,7 @@ def of_residual(
         # Each term of a row is rounded twice: by itself, and against what the past adds to it.
         terms = about.jacobian(scheme, about.typical) * about.unknowns(scheme, about.typical)
         sizes = ROUNDING * np.finfo(scheme.dtype).eps * np.sqrt(2 * np.sum(terms**2, axis=1))
-        left, _ = scaling_factors(scheme, about.n, about.m)
+        left, _ = scaling_factors(scheme, about.problem.n, about.problem.m)
         after = float(np.linalg.norm(left * sizes))
         reached[h] = after if tested == "after" else float(np.linalg.norm(sizes))
         if h != least:

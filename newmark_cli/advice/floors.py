@@ -25,7 +25,7 @@ def floor(
     formulation: Any = INDEX_3,
     evaluation: str = DIRECT,
     precision: str = "float64",
-    preconditioning: Any = "optimal",
+    scaling: Any = "optimal",
     t_end: float | None = None,
 ) -> Floor:
     """How small Newton's corrections can become: their expected rms, from rounding only.
@@ -40,7 +40,7 @@ def floor(
         formulation: As of `march`.
         evaluation: As of `march`.
         precision: As of `march`.
-        preconditioning: As ``scaling`` of `march`.
+        scaling: As of `march`.
         t_end: Time until which a problem's motion is looked at (s); a time in which it moves
             by about its own size when omitted.
 
@@ -64,9 +64,8 @@ def floor(
     step = arguments.step_size(h)
     method = integrator_or_newmark(beta, gamma, integrator)
     scheme = scheme_of(
-        form, method, formulation, preconditioning, step,
-        evaluation=evaluation, precision=precision, named="preconditioning",
-    )  # fmt: skip
+        form, method, formulation, scaling, step, evaluation=evaluation, precision=precision
+    )
     chosen = scheme.formulation
     if reason := unpredicted(scheme):
         raise ArgumentError(f"formulation {chosen.label}: {reason}")
@@ -74,7 +73,7 @@ def floor(
     require_fit(about, chosen, evaluation)
     floors = about.floors(scheme)
     if not floors:
-        raise ArgumentError(f"{about.name}: a floor needs a state: u, v, a, lambda")
+        raise ArgumentError(f"{about.problem.name}: a floor needs a state: u, v, a, lambda")
     means = {
         kind: {
             unknown: float(np.sqrt(np.mean([getattr(at, kind)[unknown] ** 2 for at in floors])))

@@ -76,21 +76,6 @@ class Subject:
     has_state: bool = True
     of_matrices: bool = False
 
-    @property
-    def name(self) -> str:
-        """Name of the problem, or the file of the matrices."""
-        return self.problem.name
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return self.problem.n
-
-    @property
-    def m(self) -> int:
-        """Number of constraints."""
-        return self.problem.m
-
     @cached_property
     def accelerations(self) -> Sequence[tuple[Array, Array]]:
         """A (n,) and λ (m,) at the states."""
@@ -123,7 +108,9 @@ class Subject:
         """One of the states as the unknowns that a form keeps; η is 0."""
         at, (a, multipliers) = self.states[place], self.accelerations[place]
         known = {**dict(zip(FIELDS, (at.u0, at.v0, a), strict=True)), "lambda": multipliers}
-        parts = zip(scheme.form.solved, scheme.form.sizes(self.n, self.m), strict=True)
+        parts = zip(
+            scheme.form.solved, scheme.form.sizes(self.problem.n, self.problem.m), strict=True
+        )
         return np.concatenate([known.get(name, np.zeros(size)) for name, size in parts])
 
     def multiplier_noise(self, scheme: Scheme) -> float:
@@ -149,10 +136,19 @@ class Subject:
         if not self.known:
             return initial_state(at, scheme)
         ((a, multipliers),) = self.known
-        fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.m)
+        fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.problem.m)
         past = scheme.relations.start @ fields[:3]
-        unknown = (np.zeros(1 + self.m), np.zeros(1 + self.n))
-        parts = (fields, past, multipliers, np.zeros((2, self.n)), none, none, none, *unknown)
+        unknown = (np.zeros(1 + self.problem.m), np.zeros(1 + self.problem.n))
+        parts = (
+            fields,
+            past,
+            multipliers,
+            np.zeros((2, self.problem.n)),
+            none,
+            none,
+            none,
+            *unknown,
+        )
         return State(*(part.astype(scheme.dtype) for part in parts))
 
 
@@ -170,8 +166,8 @@ def require_fit(about: Subject, formulation: Formulation, evaluation: str) -> No
         )
     if evaluation == COMPENSATED and not (about.of_matrices or about.problem.quadratic):
         raise ArgumentError(
-            f"{about.name}: compensated evaluation needs constraints that are at most quadratic in "
-            "u and do not depend on time"
+            f"{about.problem.name}: compensated evaluation needs constraints that are at most "
+            "quadratic in u and do not depend on time"
         )
 
 

@@ -8,11 +8,13 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
+    Declared,
     allow_code_option,
     as_json_text,
     axis_option,
     call_with_problem,
     evaluation_option,
+    file_option,
     formulation_option,
     json_option,
 )
@@ -53,18 +55,15 @@ def _tolerances(
 
 @click.command()
 @click.argument("subject", required=False, metavar="[SUBJECT]")
-@click.option(
+@file_option(
     "--matrices",
-    type=click.Path(path_type=Path),
     metavar="PATH",
     help="Instead of SUBJECT: an .npz file or a folder of .mtx files with M, G and more.",
 )
-@click.option(
+@file_option(
     "--jacobian",
     "jacobians",
-    type=click.Path(path_type=Path),
     multiple=True,
-    metavar="FILE",
     help="Instead of SUBJECT: an .npz or .mtx file with a Jacobian; one for each h.",
 )
 @click.option("--blocks", metavar="SIZES", help="Blocks of the Jacobian, such as u=8,lambda=7.")
@@ -88,7 +87,7 @@ def _tolerances(
 @evaluation_option
 @click.option(
     "--precision",
-    type=click.Choice(["float64", "float32"]),
+    type=Declared("newmark.scheme", "PRECISIONS"),
     help="Arithmetic of your code; float64 by default.",
 )
 @axis_option("scaling", "VARIANT", "Scaling in your code; optimal by default.")

@@ -109,8 +109,7 @@ def _exit_code(error: BaseException) -> int:
     match error:
         case click.exceptions.NoArgsIsHelpError():
             screen.lines(error.ctx.get_help())
-        case click.NoSuchOption() if error.option_name in RETIRED:
-            way = RETIRED[error.option_name][1]
+        case click.NoSuchOption() if way := _way_out(error):
             screen.complain(f"No such option {error.option_name!r}; it is gone: {way}")
         case click.ClickException():
             screen.complain(error.format_message())
@@ -135,3 +134,9 @@ def _exit_code(error: BaseException) -> int:
         case _:
             raise error
     return 2
+
+
+def _way_out(error: click.NoSuchOption) -> str:
+    """What to take in place of an option that went, of this command or of any; mostly empty."""
+    name, command = error.option_name, error.ctx.info_name if error.ctx else ""
+    return RETIRED.get(f"{command} {name}", RETIRED.get(name, ("", "")))[1]

@@ -12,15 +12,20 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
+    Declared,
+    Number,
     allow_code_option,
     as_json_text,
     axis_option,
     call_with_problem,
     evaluation_option,
+    file_option,
     flag,
+    formats_option,
     formulation_option,
     json_option,
     results_folder,
+    size_option,
 )
 from newmark_cli.support.errors import InputError
 
@@ -79,8 +84,9 @@ def orders(
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@json_option
 @allow_code_option
-def validate(files: tuple[str, ...], allow_code: bool) -> int:
+def validate(files: tuple[str, ...], as_json: bool, allow_code: bool) -> int:
     """Check configs and mechanism files without running them.
 
     FILE may also be a shipped study, or a problem by name, such as 'chain(links=20)', and
@@ -96,35 +102,45 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     from newmark_cli.study import config
     from newmark_cli.support.documents import DocumentError
 
-    code = 0
+    checked = []
     for name in files:
+        lines, mistakes = list[str](), list[str]()
         try:
-            for line in config.describe(name, allow_code):
-                screen.line(line)
+            lines = config.describe(name, allow_code)
         except DocumentError as error:
-            for mistake in error.mistakes:
-                screen.complain(mistake.text)
+            mistakes = [mistake.text for mistake in error.mistakes]
             if error.more or error.stopped:
                 least = "at least " * error.stopped
                 count = f"{least}{error.more}" if error.more else "possibly"
-                screen.complain(f"{name}: … and {count} more")
-            code = 2
+                mistakes.append(f"{name}: … and {count} more")
         except InputError as error:
-            screen.complain(str(error))
-            code = 2
-    return code
+            mistakes = [str(error)]
+        checked.append({"file": name, "description": lines, "mistakes": mistakes})
+        if not as_json:
+            for line in lines:
+                screen.line(line)
+            for mistake in mistakes:
+                screen.complain(mistake)
+    if as_json:
+        screen.lines(as_json_text(checked))
+    return 2 if any(entry["mistakes"] for entry in checked) else 0
 
 
 @click.command()
 @click.argument("problem", metavar="PROBLEM")
 @results_folder
 @click.option(
-    "--at", "time", type=float, default=0.0, metavar="T", help="Draw the mechanism at time T (s)."
+    "--at",
+    "time",
+    type=Number(0, 1e9),
+    default=0.0,
+    metavar="T",
+    help="Draw the mechanism at time T (s).",
 )
 @click.option(
     "--h",
     "step",
-    type=float,
+    type=Number(0, 1e9, min_open=True),
     metavar="H",
     help="Step size (s); by default halved until nothing visible changes.",
 )
@@ -136,10 +152,9 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     metavar="METHOD",
     help="Method and parameters, such as 'newmark beta=0.25 gamma=0.5'.",
 )
-@click.option(
+@file_option(
     "--animate",
     "animated",
-    type=click.Path(path_type=Path),
     metavar="FILE.gif",
     help="Write the motion from 0 to T as a looping GIF.",
 )
@@ -151,6 +166,8 @@ def validate(files: tuple[str, ...], allow_code: bool) -> int:
     metavar="N",
     help="Number of frames of --animate.",
 )
+@formats_option
+@size_option
 @allow_code_option
 def draw(
     problem: str,
@@ -160,15 +177,16 @@ def draw(
     method: str,
     animated: Path | None,
     frames: int,
+    formats: tuple[str, ...],
+    size: tuple[float, float | None] | None,
     allow_code: bool,
 ) -> int:
     """Draw a mechanism, at its start or after a motion.
 
     PROBLEM is a shipped problem, a mechanism file, or a member of a family such as
-    'chain(links=20)'.  Writes DIR/figures/<problem>.png and .svg, with --at T
-    <problem>-at-<T>.png and .svg.  The motion up to T is computed with numerical
-    damping and compared with a coarser one; a warning is printed if they differ
-    visibly.
+    'chain(links=20)'.  Writes DIR/figures/<problem>.png, with --at T
+    <problem>-at-<T>.png.  The motion up to T is computed with numerical damping and
+    compared with a coarser one; a warning is printed if they differ visibly.
 
     \b
     Example:
@@ -184,6 +202,7 @@ def draw(
             f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
         )
     from newmark_cli.problems.problem import is_beyond
+    from newmark_cli.report.drawing import draw as drawing
     from newmark_cli.report.drawing import draw_mechanism, style
     from newmark_cli.study import keys, motion
 
@@ -212,18 +231,16 @@ def draw(
     title += f", t = {time:g} s" if time else ""
     name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-") or "mechanism"
     name += f"-at-{time:g}" if time else ""
-    figure = draw_mechanism.mechanism_figure(title, subject, places[-1])
-    drawn = {f"{name}.{kind}": style.rendered(figure, kind) for kind in ("png", "svg")}
+    figure = drawing.drawn(draw_mechanism.mechanism_sheet(title, subject, places[-1]), size)
+    drawn = {f"{name}.{kind}": style.rendered(figure, kind) for kind in formats}
     for file in style.save(drawn, folder):
         screen.line(file)
     return 0
 
 
 def _require_drawable(time: float, step: float | None, animated: Path | None) -> None:
-    if not (math.isfinite(time) and time >= 0):
-        raise InputError(f"--at: must be zero or positive, given {time:g}")
-    if step is not None and not (math.isfinite(step) and 0 < step <= time):
-        raise InputError(f"--h: must be positive and at most T = {time:g}, given {step:g}")
+    if step is not None and step > time:
+        raise InputError(f"--h: must be at most T = {time:g}, given {step:g}")
     if animated is not None and animated.suffix.lower() != ".gif":
         raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
@@ -241,7 +258,7 @@ _EXPLAINED = {
 @json_option
 @click.option(
     "--schema",
-    type=click.Choice(["config", "mechanism", "spatial"]),
+    type=Declared("study.schema", "SCHEMAS"),
     help="Print the JSON Schema of configs, or of mechanism files in the plane or in space.",
 )
 def list_(as_json: bool, schema: str | None) -> int:

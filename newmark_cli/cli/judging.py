@@ -11,6 +11,7 @@ from newmark_cli.cli.options import (
     as_json_text,
     axis_option,
     call_with_problem,
+    file_option,
     flag,
     formulation_option,
     json_option,
@@ -37,24 +38,13 @@ if TYPE_CHECKING:
 )
 @formulation_option
 @click.option("--projection", metavar="METHOD", help="The code's projection; none by default.")
-@click.option(
-    "--columns",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="YAML with other names, signs and units: 'lambda[bars.rod]: -2 * force'.",
+@file_option(
+    "--columns", help="YAML with other names, signs and units: 'lambda[bars.rod]: -2 * force'."
 )
-@click.option(
-    "--expect",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="YAML with the key 'expect' of a study: orders and levels that you expect.",
+@file_option(
+    "--expect", help="YAML with the key 'expect' of a study: orders and levels that you expect."
 )
-@click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Draw the errors next to those of this tool: .png, .svg or .pdf.",
-)
+@file_option("--plot", help="Draw the errors next to those of this tool: .png, .svg or .pdf.")
 @flag("--strict", help="Fail where a verdict is undecided, too.")
 @json_option
 @allow_code_option

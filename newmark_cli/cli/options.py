@@ -2,8 +2,10 @@
 
 import functools
 import math
+import re
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +13,38 @@ import click
 
 from newmark_cli.support.errors import InputError, visible_lines
 from newmark_cli.support.processors import usable
+from newmark_cli.support.spelling import nearest
 
 #: An option that is on or off.
 flag = functools.partial(click.option, is_flag=True)
+#: An option that names a file.
+file_option = functools.partial(click.option, type=click.Path(path_type=Path), metavar="FILE")
+
+
+class Declared(click.Choice[str]):
+    """Names that a module declares; it is imported when they are asked for."""
+
+    def __init__(self, module: str, names: str) -> None:
+        """Take the module, within the package, and its attribute; nothing is imported yet."""
+        self.case_sensitive = True
+        self._declared = f"newmark_cli.{module}", names
+
+    @functools.cached_property
+    def choices(self) -> tuple[str, ...]:
+        """The names."""
+        module, names = self._declared
+        return tuple(getattr(import_module(module), names))
+
+
+class Number(click.FloatRange):
+    """A number in a range; that of click has room for nan."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """The number; `click.BadParameter` is raised for others."""
+        number: float = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{value!r} is not a number.", param, ctx)
+        return number
 
 
 def _folder(context: click.Context, option: click.Parameter, folder: Path) -> Path:
@@ -59,7 +90,7 @@ def axis_option(
 
 evaluation_option = click.option(
     "--evaluation",
-    type=click.Choice(["direct", "compensated"]),
+    type=Declared("newmark.scheme", "EVALUATIONS"),
     help="How residuals are evaluated; direct by default.",
 )
 
@@ -86,13 +117,46 @@ def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
     return command
 
 
-format_option = click.option(
+def _formats(context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
+    allowed = ("png", "svg", "pdf")
+    formats = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
+    for name in formats:
+        if name not in allowed:
+            raise click.BadParameter(f"unknown format {name!r}{nearest(name, allowed)}")
+    return formats
+
+
+def _size(
+    context: click.Context, option: click.Parameter, text: str | None
+) -> tuple[float, float | None] | None:
+    if text is None:
+        return None
+    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(?:x(\d+\.?\d*|\.\d+))?", text.strip().lower())
+    sides = [float(side) for side in match.groups() if side] if match else []
+    if not sides or not all(1 <= side <= 40 for side in sides):
+        raise click.BadParameter(
+            "must be a width, or a width and a height, from 1 to 40 inches, such as 3.3 or "
+            f"3.3x2.4, given {text!r}"
+        )
+    return sides[0], sides[1] if len(sides) > 1 else None
+
+
+formats_option = click.option(
     "--format",
-    "kind",
-    type=click.Choice(["csv", "parquet"]),
-    default="csv",
+    "formats",
+    default="png",
     show_default=True,
-    help="File format of trajectories.",
+    callback=_formats,
+    metavar="LIST",
+    help="File formats, separated by commas: png, svg, pdf.",
+)
+
+
+size_option = click.option(
+    "--size",
+    callback=_size,
+    metavar="W[xH]",
+    help="Width of each figure in inches, or width and height.",
 )
 
 
@@ -106,8 +170,6 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
     ) -> int:  # fmt: skip
         if scheduler is not None and executor != "dask":
             raise click.UsageError("--scheduler needs --executor dask")
-        if timeout is not None and math.isnan(timeout):
-            raise click.UsageError("--timeout: must be a number of seconds, given nan")
         from newmark_cli.running.runner import Options
 
         how = Options(jobs or usable(), force, fail_fast, timeout, executor, scheduler)
@@ -129,7 +191,7 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
             ),
             click.option(
                 "--timeout",
-                type=click.FloatRange(0, 1e9, min_open=True),
+                type=Number(0, 1e9, min_open=True),
                 metavar="SECONDS",
                 help="Time limit per cell, and for loading problems in Python; a cell that exceeds "
                 "it fails.",

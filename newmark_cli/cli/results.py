@@ -1,8 +1,6 @@
 """Commands that read results: figures, values, verdicts, tables, provenance."""
 
-import math
 import os
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,15 +9,18 @@ import click
 
 from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
+    Number,
     as_json_text,
     choosing_options,
+    file_option,
     flag,
+    formats_option,
     json_option,
     results_folder,
+    size_option,
     studies_argument,
 )
 from newmark_cli.support.errors import InputError
-from newmark_cli.support.spelling import nearest
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.expectations import Expected
@@ -31,58 +32,17 @@ if TYPE_CHECKING:
 REMARKS = 20
 
 
-def _formats(context: click.Context, option: click.Parameter, text: str) -> tuple[str, ...]:
-    allowed = ("png", "svg", "pdf")
-    formats = tuple(dict.fromkeys(part.strip().lower() for part in text.split(",")))
-    for name in formats:
-        if name not in allowed:
-            raise click.BadParameter(f"unknown format {name!r}{nearest(name, allowed)}")
-    return formats
-
-
 def _names(context: click.Context, option: click.Parameter, text: str | None) -> tuple[str, ...]:
     return tuple(dict.fromkeys(part.strip() for part in (text or "").split(",") if part.strip()))
-
-
-def _size(
-    context: click.Context, option: click.Parameter, text: str | None
-) -> tuple[float, float | None] | None:
-    if text is None:
-        return None
-    match = re.fullmatch(r"(\d+\.?\d*|\.\d+)(?:x(\d+\.?\d*|\.\d+))?", text.strip().lower())
-    sides = [float(side) for side in match.groups() if side] if match else []
-    if not sides or not all(1 <= side <= 40 for side in sides):
-        raise click.BadParameter(
-            "must be a width, or a width and a height, from 1 to 40 inches, such as 3.3 or "
-            f"3.3x2.4, given {text!r}"
-        )
-    return sides[0], sides[1] if len(sides) > 1 else None
 
 
 @click.command()
 @click.argument("names", nargs=-1, metavar="[FIGURE|STUDY...]")
 @results_folder
-@click.option(
-    "--format",
-    "formats",
-    default="png",
-    show_default=True,
-    callback=_formats,
-    metavar="LIST",
-    help="File formats, separated by commas: png, svg, pdf.",
-)
-@click.option(
-    "--size",
-    callback=_size,
-    metavar="W[xH]",
-    help="Width of each figure in inches, or width and height.",
-)
-@click.option(
-    "--style",
-    "style_file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Matplotlib style file, applied on top of the project's style.",
+@formats_option
+@size_option
+@file_option(
+    "--style", "style_file", help="Matplotlib style file, applied on top of the project's style."
 )
 @choosing_options
 @click.option(
@@ -192,12 +152,7 @@ def show(
 @flag("--markdown", help="Print the tables as Markdown.")
 @flag("--strict", help="Fail if a series or an expectation is undecided.")
 @flag("--strict-expectations", help="Fail if a claim or an expectation is undecided.")
-@click.option(
-    "--junit",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Write the checks as JUnit XML, for continuous integration.",
-)
+@file_option("--junit", help="Write the checks as JUnit XML, for continuous integration.")
 def check(
     studies: tuple[str, ...],
     folder: Path,
@@ -350,7 +305,7 @@ def tables(
 @click.argument("second", type=click.Path(path_type=Path), metavar="B")
 @click.option(
     "--rtol",
-    type=click.FloatRange(0, 1, max_open=True),
+    type=Number(0, 1, max_open=True),
     default=1e-6,
     show_default=True,
     help="Relative tolerance of values that are not dominated by rounding.",
@@ -368,8 +323,6 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     Example:
       newmark-study compare results other-machine/results
     """
-    if math.isnan(rtol):
-        raise InputError("--rtol: must be a number from 0 to 1, given nan")
     from newmark_cli.report.tables import compare as comparing
 
     text, differs = comparing.compare(first, second, rtol, None if everything else 10)
@@ -379,12 +332,7 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
 
 @click.command()
 @results_folder
-@click.option(
-    "--output",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="File to write; DIR/report.html by default.",
-)
+@file_option("--output", help="File to write; DIR/report.html by default.")
 def report(folder: Path, output: Path | None) -> int:
     """Write the results in DIR as one HTML page.
 

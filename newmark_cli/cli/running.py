@@ -1,5 +1,6 @@
 """Commands that run studies."""
 
+import contextlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,7 +13,6 @@ from newmark_cli.cli import screen
 from newmark_cli.cli.options import (
     allow_code_option,
     flag,
-    format_option,
     results_folder,
     running_options,
 )
@@ -20,7 +20,7 @@ from newmark_cli.cli.results import show_claims, show_tables, verdict
 from newmark_cli.support import interrupts
 
 if TYPE_CHECKING:
-    from newmark_cli.cli.terminal import Counts
+    from newmark_cli.cli.terminal import Progress
     from newmark_cli.running.runner import Options, StudyRun
     from newmark_cli.study.config import Study
 
@@ -34,7 +34,13 @@ if TYPE_CHECKING:
 @flag(
     "--replace", "replacing", help="Overwrite results of another config with the same study name."
 )
-@format_option
+@click.option(
+    "--trajectories",
+    type=click.Choice(["csv", "parquet"]),
+    default="csv",
+    show_default=True,
+    help="File format of the trajectories that a study keeps.",
+)
 @allow_code_option
 def run(
     configs: tuple[str, ...],
@@ -45,7 +51,7 @@ def run(
     dry_run: bool,
     timed: bool,
     replacing: bool,
-    kind: str,
+    trajectories: str,
     allow_code: bool,
 ) -> int:
     """Run studies: YAML files or names of shipped studies.
@@ -64,7 +70,7 @@ def run(
     studies = [config.find(name, allow_code, how.timeout) for name in configs]
     if dry_run:
         return _dry_run(studies, folder, how.force)
-    how = replace(how, parquet=kind == "parquet", timed=timed, replace=replacing)
+    how = replace(how, parquet=trajectories == "parquet", timed=timed, replace=replacing)
     if timed:
         how = replace(how, jobs=1)
     return _tell(_run(studies, folder, how, quiet, verbose), folder, quiet)
@@ -130,12 +136,12 @@ def _run(
     from newmark_cli.cli import terminal
     from newmark_cli.running import runner
 
-    with terminal.watching(quiet, verbose) as watcher:
+    with contextlib.closing(terminal.Progress(quiet, verbose)) as watcher:
         interrupts.Line.after = lambda: _kept(watcher, how.force)
         return runner.run_studies(studies, folder, how, watcher)
 
 
-def _kept(counts: "Counts", force: bool) -> str:
+def _kept(counts: "Progress", force: bool) -> str:
     """End of an interrupt's message: how many cells are cached."""
     if not counts.total:
         return ""

@@ -6,7 +6,7 @@ step size and its twins, as far as that is affordable, and from there on by powe
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.external.reading import STEP_SIZE, Run, Runs
-from newmark_cli.library import scalings
 from newmark_cli.library.marching import march
+from newmark_cli.library.scalings import read
 from newmark_cli.newmark.formulation import RECOVERED
 from newmark_cli.newmark.invariants import Misfit, misfits
 from newmark_cli.newmark.statistics import Measurement, statistics
@@ -98,13 +98,9 @@ def method(options: Mapping[str, Any]) -> dict[str, str]:
     Raises:
         ArgumentError, IntegratorError, FormulationError: For what no method has.
     """
-    readers: Mapping[str, Callable[[Any], Any]] = {
-        "integrator": scalings.integrator_of,
-        "formulation": scalings.formulation_of,
-        "projection": scalings.projection_of,
-    }
+    labelled = ("integrator", "formulation", "projection")
     values = {
-        name: readers[name](value).label if name in readers else str(value)
+        name: read(name, value).label if name in labelled else str(value)
         for name, value in (USUAL | {k: v for k, v in options.items() if v}).items()
     }
     if values.get("projection", "none") != "none":

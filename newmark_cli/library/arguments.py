@@ -3,7 +3,6 @@
 import reprlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import wraps
-from inspect import signature
 from numbers import Integral, Real
 from typing import Any, TypeVar, cast
 
@@ -24,16 +23,16 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def scaling_by_either_name(function: _Function) -> _Function:
-    """Let a function take ``scaling`` and ``preconditioning`` for the same argument."""
-    names = ("scaling", "preconditioning")
-    own, other = sorted(names, key=lambda name: name not in signature(function).parameters)
+    """Let a function take ``preconditioning`` for its argument ``scaling``, as configs write it."""
 
     @wraps(function)
     def called(*positional: Any, **named: Any) -> Any:
-        if other in named:
-            if own in named:
-                raise ArgumentError(f"{own} and {other} are one argument: give one of them")
-            named[own] = named.pop(other)
+        if "preconditioning" in named:
+            if "scaling" in named:
+                raise ArgumentError(
+                    "scaling and preconditioning are one argument: give one of them"
+                )
+            named["scaling"] = named.pop("preconditioning")
         return function(*positional, **named)
 
     return cast(_Function, called)

@@ -10,25 +10,13 @@ from numpy.typing import ArrayLike
 
 from newmark_cli.library import arguments, continuing
 from newmark_cli.library.problems import problem as problem_of
-from newmark_cli.library.scalings import (
-    integrator_of,
-    krylov_of,
-    projection_of,
-    scheme_of,
-    sequence_of,
-    tolerance_of,
-)
+from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.library.stepping import MOST_BYTES, Steps, room, taken
 from newmark_cli.newmark.forms import INDEX_3
-from newmark_cli.newmark.formulation import (
-    CONSISTENT,
-    REPORTED,
-    STARTS,
-    reported,
-)
-from newmark_cli.newmark.integrator import AUXILIARY, RESCALE_VELOCITY
+from newmark_cli.newmark.formulation import CONSISTENT, reported
+from newmark_cli.newmark.integrator import RESCALE_VELOCITY
 from newmark_cli.newmark.kept import KEPT, first_outside
-from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
+from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
@@ -38,7 +26,7 @@ from newmark_cli.problems import starting
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import fitting
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.errors import ArgumentError, warn
+from newmark_cli.support.errors import ArgumentError
 
 #: More steps than a float can count must be a typo.
 _MOST_STEPS = 2**53
@@ -46,8 +34,6 @@ _MOST_STEPS = 2**53
 _SAME_STEP = 1e-9
 #: Attributes of a scheme that are checked against each other and the problem.
 _OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
-#: Part of accelerations at the start that rounding may change unmentioned.
-_NOISY = 1e-2
 
 
 class Options(TypedDict, total=False):
@@ -237,30 +223,18 @@ def march(
         >>> later.t.round(3).tolist(), later.u.shape
         ([0.04], (1, 8))
     """
-    projected = projection_of(projection)
+    projected = read("projection", projection)
     given = arguments.step_sizes(h)
     sizes, h = (given if np.ndim(h) else None), float(given[0])
-    sequence = sequence_of(h_sequence)
+    sequence = read("h_sequence", h_sequence)
     if sizes is not None and sequence != CONSTANT:
         raise ArgumentError("h_sequence: not with an array h, which says all sizes")
-    arguments.one_of("multipliers", multipliers, (AUTO, *REPORTED))
     scheme = scheme_of(
-        form,
-        integrator_of(integrator),
-        formulation,
-        scaling,
-        h,
-        evaluation=evaluation,
-        precision=precision,
-        iteration_cap=arguments.count("iteration_cap", iteration_cap, 1),
-        stop=tolerance_of(stop),
-        projection=projected,
-        reported=reported(multipliers, projected),
-        start=arguments.one_of("start", start, STARTS),
-        auxiliary=arguments.one_of("auxiliary", auxiliary, AUXILIARY),
-    )
-    arguments.one_of("linear_solver", linear_solver, LINEAR_SOLVERS)
-    krylov = krylov_of(krylov)
+        form, integrator, formulation, scaling, h, evaluation=evaluation, precision=precision,
+        iteration_cap=iteration_cap, stop=stop, projection=projected, start=start,
+        reported=reported(read("multipliers", multipliers), projected), auxiliary=auxiliary,
+    )  # fmt: skip
+    linear_solver, krylov = read("linear_solver", linear_solver), read("krylov", krylov)
     keep = arguments.some_of("keep", keep, KEPT)
     original = problem_of(problem)
     _require_fit(original, scheme, form, linear_solver, multipliers)
@@ -277,8 +251,6 @@ def march(
     _require_callback(callback, at, stepped)
     last = _last(begun, original.t0, t_end, asked, at, stepped)
     _require_reachable(original, begun.grid, sizes, last)
-    if sizes is not None:
-        _warn_of_short_steps(begun, float(sizes[:last].min()))
     looks, ends = _looks(begun, last, every, at, keep, stepped)
     if not arguments.count("twins", twins):
         return taken(begun, last, looks, keep, callback, stepped, ends)
@@ -397,19 +369,6 @@ def _count(h: float, sequence: StepSequence, t_end: Any, steps: Any, since: floa
     if steps is None or steps is True:
         raise ArgumentError("h_sequence: give t_end or the number of steps")
     return arguments.count("steps", steps)
-
-
-def _warn_of_short_steps(march: March, shortest: float) -> None:
-    """Warn of λ and v' of steps that are so short beside others that they are rounding."""
-    u, v, _, a = march.here.fields
-    eps, compensated = np.finfo(march.scheme.dtype).eps, march.scheme.compensated
-    of_u = eps * float(shortest * np.abs(v).max() if compensated else np.abs(u).max())
-    of_a = of_u / march.scheme.integrator.relations(shortest).u_from_a
-    if march.schemes.wide and of_a > _NOISY * float(np.abs(a).max()):
-        warn(
-            f"h: rounding alone changes accelerations of a step of {shortest:g} s by some "
-            f"{of_a:.0e}, and λ of that step accordingly; u, v and longer steps do not suffer"
-        )
 
 
 def _last(

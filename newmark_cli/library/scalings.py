@@ -1,26 +1,31 @@
 """Scalings for notebooks: the factors of Table 2 as text and as numbers."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from types import NoneType
+from functools import partial
+from types import MappingProxyType, NoneType
 from typing import Any
 
 from newmark_cli.library import arguments
 from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import (
     CONSTRAINTS,
+    REPORTED,
+    STARTS,
     UNPROJECTED,
     Formulation,
     FormulationError,
     Projection,
 )
-from newmark_cli.newmark.integrator import Integrator, Newmark
-from newmark_cli.newmark.linear.choice import Krylov
+from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark
+from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
-from newmark_cli.newmark.steps import CONSTANT, StepSequence
+from newmark_cli.newmark.steps import CONSTANT
 from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import ArgumentError
+
+_Reader = Callable[[str, Any], Any]
 
 #: Largest β and γ, and the reciprocal of the smallest.
 _FARTHEST = 1e12
@@ -78,7 +83,7 @@ def scaling(
     beta: float | None = None,
     gamma: float | None = None,
     integrator: Any = None,
-    preconditioning: Any = "optimal",
+    scaling: Any = "optimal",
     formulation: Any = INDEX_3,
 ) -> Factors:
     """The scaling of a form: Table 2 of the paper, or one of your own, in numbers.
@@ -90,9 +95,9 @@ def scaling(
         gamma: Parameter of Newmark's scheme; 1/2 when omitted.
         integrator: An integrator in place of β and γ, as `march` takes it; its β and γ are then
             those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
-        preconditioning: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``,
-            ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
-            ``right``.
+        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``, ``"optimal-printed"``,
+            ``"partial"``, or a dict with ``name``, ``left`` and ``right``;
+            ``preconditioning`` is the same argument.
         formulation: As of `march`: its rows and unknowns are scaled by the rule of Table 2.
 
     Returns:
@@ -113,10 +118,10 @@ def scaling(
         >>> newmark.scaling("a-lambda", h=1e-3, formulation="ggl").left_formulas["Cv"]
         'beta*h/gamma'
     """
-    formulated = formulation_of(formulation).applied(FORMS[arguments.one_of("form", form, FORMS)])
+    formulated = read("formulation", formulation).applied(FORMS[read("form", form)])
     h = arguments.positive("h", h, " of seconds")
     method = integrator_or_newmark(beta, gamma, integrator)
-    chosen = preconditioning_of(preconditioning, "preconditioning").scaling(formulated)
+    chosen = read("scaling", scaling).scaling(formulated)
     symbols = method.symbols(h)
     try:
         left, right = (
@@ -136,7 +141,7 @@ def scaling(
 
 
 def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: Any) -> Integrator:
-    """An integrator as `integrator_of` takes it, or Newmark's with β and γ.
+    """An integrator as `march` takes it, or Newmark's with β and γ.
 
     Raises:
         ArgumentError: For β and γ of which factors of a scaling would overflow, too.
@@ -149,7 +154,7 @@ def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: A
     elif beta is not None or gamma is not None:
         raise ArgumentError("give either an integrator or beta and gamma, not both")
     else:
-        method = integrator_of(integrator)
+        method = read("integrator", integrator)
     for name, value in method.symbols(1.0).items():
         if not 1 / _FARTHEST <= value <= _FARTHEST:
             raise ArgumentError(
@@ -159,33 +164,39 @@ def integrator_or_newmark(beta: float | None, gamma: float | None, integrator: A
     return method
 
 
-def preconditioning_of(value: Any, name: str) -> Preconditioning:
-    """A scaling by its name, its dict, or itself."""
-    if isinstance(value, Preconditioning):
-        return value
-    if not isinstance(value, Mapping):
-        return Preconditioning(arguments.one_of(name, value, VARIANTS))
-    own: Preconditioning = _read(name, value, "OwnScaling")
-    return own
+def _named(allowed: Collection[str]) -> _Reader:
+    return lambda name, value: arguments.one_of(name, value, allowed)
 
 
-def _read(name: str, value: Any, model: str) -> Any:
-    """The core's value of what a config may give; see `keys.read`."""
-    if isinstance(value, str) and value in _USUAL:
-        return _USUAL[value]
-    from newmark_cli.study import keys  # which imports pydantic
+def _as_in_configs(model: str, is_it: Callable[[Any], bool]) -> _Reader:
+    """Reads what a config may give, by a model of `keys`; the core's own values pass."""
 
-    try:
-        return keys.read(name, value, getattr(keys, model))
-    except DocumentError as error:
-        if isinstance(value, Mapping) or (isinstance(value, str) and name == "integrator"):
-            raise
-        raise (FormulationError if isinstance(value, str) else ArgumentError)(str(error)) from None
+    def read_by_model(name: str, value: Any) -> Any:
+        if is_it(value):
+            return value
+        if isinstance(value, str) and value in _USUAL:
+            return _USUAL[value]
+        from newmark_cli.study import keys  # which imports pydantic
+
+        try:
+            return keys.read(name, value, getattr(keys, model))
+        except DocumentError as error:
+            if isinstance(value, Mapping) or (isinstance(value, str) and name == "integrator"):
+                raise
+            kind = FormulationError if isinstance(value, str) else ArgumentError
+            raise kind(str(error)) from None
+
+    return read_by_model
 
 
-def _reader(name: str, model: str, is_it: Callable[[Any], bool]) -> Callable[[Any], Any]:
-    """Reader of an argument as configs write it, by a model of `keys`; the core's own pass."""
-    return lambda value: value if is_it(value) else _read(name, value, model)
+_own_scaling = _as_in_configs("OwnScaling", lambda value: isinstance(value, Preconditioning))
+
+
+def _scaling(name: str, value: Any) -> Preconditioning:
+    if isinstance(value, Preconditioning | Mapping):
+        own: Preconditioning = _own_scaling(name, value)
+        return own
+    return Preconditioning(arguments.one_of(name, value, VARIANTS))
 
 
 def _is_integrator(value: Any) -> bool:
@@ -197,49 +208,45 @@ def _of(*kinds: Any) -> Callable[[Any], bool]:
     return lambda value: isinstance(value, kinds)
 
 
-integrator_of: Callable[[Any], Integrator] = _reader(
-    "integrator", "IntegratorConfig", _is_integrator
+#: Argument of public functions → what reads it.
+_READERS: Mapping[str, _Reader] = MappingProxyType(
+    {
+        "form": _named(FORMS),
+        "evaluation": _named(EVALUATIONS),
+        "precision": _named(PRECISIONS),
+        "multipliers": _named((AUTO, *REPORTED)),
+        "start": _named(STARTS),
+        "auxiliary": _named(AUXILIARY),
+        "linear_solver": _named(LINEAR_SOLVERS),
+        "iteration_cap": partial(arguments.count, least=1),
+        "scaling": _scaling,
+        "integrator": _as_in_configs("IntegratorConfig", _is_integrator),
+        "formulation": _as_in_configs("FormulationConfig", _of(Formulation)),
+        "projection": _as_in_configs("ProjectionConfig", _of(Projection)),
+        "stop": _as_in_configs("StopConfig", _of(Tolerance, NoneType)),
+        "krylov": _as_in_configs("KrylovConfig", _of(Krylov, NoneType)),
+        "h_sequence": _as_in_configs("SequenceConfig", lambda value: hasattr(value, "factors")),
+    }
 )
-formulation_of: Callable[[Any], Formulation] = _reader(
-    "formulation", "FormulationConfig", _of(Formulation)
-)
-projection_of: Callable[[Any], Projection] = _reader(
-    "projection", "ProjectionConfig", _of(Projection)
-)
-tolerance_of: Callable[[Any], Tolerance | None] = _reader(
-    "stop", "StopConfig", _of(Tolerance, NoneType)
-)
-sequence_of: Callable[[Any], StepSequence] = _reader(
-    "h_sequence", "SequenceConfig", lambda value: hasattr(value, "factors")
-)
-krylov_of: Callable[[Any], Krylov | None] = _reader("krylov", "KrylovConfig", _of(Krylov, NoneType))
+
+
+def read(name: str, value: Any) -> Any:
+    """The core's value of an argument of `march`; raises `NewmarkError` for what is none."""
+    return _READERS[name](name, value)
 
 
 def scheme_of(
-    form: Any,
-    integrator: Integrator,
-    formulation: Any,
-    scaling: Any,
-    h: float,
-    *,
-    evaluation: Any,
-    precision: Any,
-    named: str = "scaling",
-    **rest: Any,
+    form: Any, integrator: Any, formulation: Any, scaling: Any, h: float, **further: Any
 ) -> Scheme:
-    """The scheme that arguments of public functions describe, as of `march`.
-
-    ``named`` is the name of the argument ``scaling``, ``rest`` are further attributes.
-    """
-    chosen = formulation_of(formulation)
-    formulated = chosen.applied(FORMS[arguments.one_of("form", form, FORMS)])
+    """The scheme that arguments of `march` describe; further ones are attributes of its."""
+    chosen = read("formulation", formulation)
+    formulated = chosen.applied(FORMS[read("form", form)])
+    attributes = {n: read(n, value) if n in _READERS else value for n, value in further.items()}
     return Scheme(
-        integrator,
+        read("integrator", integrator),
         formulated,
-        preconditioning_of(scaling, named).scaling(formulated),
+        read("scaling", scaling).scaling(formulated),
         h,
-        evaluation=arguments.one_of("evaluation", evaluation, EVALUATIONS),
-        precision=arguments.one_of("precision", precision, PRECISIONS),
         formulation=chosen,
-        **rest,
+        **attributes,
     )

@@ -12,10 +12,9 @@ import json
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import newmark_cli
 from newmark_cli.study import axes
@@ -33,20 +32,9 @@ _LIBRARIES = ("numpy", "scipy", "numba")
 _DIGITS = 16
 
 
-@dataclass(frozen=True)
-class _Key:
-    cell: str
-    problem: str
-    core: str
-
-    @property
-    def file(self) -> str:
-        return "-".join(part[:_DIGITS] for part in (self.cell, self.problem, self.core)) + ".json"
-
-
 def file_name(cell: Cell) -> str:
     """The file that keeps a cell, in the folder of the finished cells."""
-    return _key(cell).file
+    return "-".join(part[:_DIGITS] for part in _key(cell).values()) + ".json"
 
 
 class Store:
@@ -62,35 +50,35 @@ class Store:
 
     def find(self, cell: Cell) -> Done | None:
         """The kept cell; None if it is not there or cannot be used."""
-        done = _done(self._read(_key(cell)))
+        done = self._read(cell)
         return done if done and done.outcome.status != "failed" else None
 
     def keep(self, cell: Cell, done: Done) -> None:
         """Keep a cell that has ended, but for one that failed or lacks more than what is kept."""
-        key, before, ended = _key(cell), self.find(cell), done.outcome
+        before, ended = self.find(cell), done.outcome
         if before and (ended.status == "failed" or (ended.lacks and not before.outcome.lacks)):
             return
         record = {
             "cell": axes.computed(cell),
-            "key": asdict(key),
+            "key": _key(cell),
             "versions": versions(),
             **_adapter().dump_python(done),
         }
-        files.write_sealed(self._folder / key.file, record, self._results)
+        files.write_sealed(self._folder / file_name(cell), record, self._results)
 
     def why(self, cell: Cell) -> str:
         """Why a cell that `find` does not find is to be run."""
-        key = _key(cell)
-        if done := _done(self._read(key)):
+        if done := self._read(cell):
             return f"failed before: {done.outcome.reason}"
-        if os.path.lexists(self._folder / key.file):
+        if os.path.lexists(self._folder / file_name(cell)):
             return "cached result is damaged"
+        key = _key(cell)
         others = [
             other
-            for file in sorted(self._folder.glob(f"{key.cell[:_DIGITS]}-*.json"))
+            for file in sorted(self._folder.glob(f"{key['cell'][:_DIGITS]}-*.json"))
             if isinstance((other := files.read_mapping(file)).get("key"), dict)
         ]
-        same_problem = [other for other in others if other["key"].get("problem") == key.problem]
+        same_problem = [other for other in others if other["key"].get("problem") == key["problem"]]
         if same_problem:
             recorded = same_problem[-1].get("versions")
             before, now = recorded if isinstance(recorded, dict) else {}, versions()
@@ -103,10 +91,15 @@ class Store:
             return "the problem has changed"
         return "not run yet"
 
-    def _read(self, key: _Key) -> dict[str, Any]:
-        record = files.read_sealed(self._folder / key.file)
-        # File names hold only the first digits.
-        return record if record.get("key") == asdict(key) else {}
+    def _read(self, cell: Cell) -> Done | None:
+        """What is kept of a cell, failed or not; None where the file cannot be used."""
+        record = files.read_sealed(self._folder / file_name(cell))
+        if record.get("key") != _key(cell):  # file names hold only the first digits
+            return None
+        try:
+            return _adapter().validate_python(record)
+        except ValueError:
+            return None
 
 
 @cache
@@ -117,17 +110,10 @@ def _adapter() -> "TypeAdapter[Done]":
     return TypeAdapter(Done)
 
 
-def _done(record: Mapping[str, Any]) -> Done | None:
-    """The cell in a record; None if there is none, or it is unusable."""
-    try:
-        return _adapter().validate_python(record)
-    except ValueError:
-        return None
-
-
-def _key(cell: Cell) -> _Key:
+def _key(cell: Cell) -> dict[str, str]:
     described = json.dumps(axes.computed(cell), sort_keys=True)
-    return _Key(hashlib.sha256(described.encode()).hexdigest(), cell.problem.load().content, core())
+    digest = hashlib.sha256(described.encode()).hexdigest()
+    return {"cell": digest, "problem": cell.problem.load().content, "core": core()}
 
 
 @cache

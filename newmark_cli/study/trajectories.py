@@ -34,7 +34,8 @@ def require_parquet() -> None:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
         raise InputError(
-            "--format parquet needs pyarrow; install it with: pip install 'newmark-study[parquet]'"
+            "--trajectories parquet needs pyarrow; install it with: "
+            "pip install 'newmark-study[parquet]'"
         ) from None
 
 

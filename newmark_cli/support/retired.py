@@ -13,6 +13,7 @@ _DAE_CODES = (
 #: Key, value, command or option → a name that is allowed where it was, and its way out.
 RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
+        "run --format": ("", "take --trajectories csv or parquet"),
         "--cures": ("", "take 'newmark-study tables cures', and docs/what-scaling-cures.md"),
         "missed": ("absolute", _MISSED),
         "smallest_h": ("absolute", _MISSED),

@@ -19,7 +19,7 @@ from each import each
 import newmark_cli as newmark
 from newmark_cli.advice import advising, linearised
 from newmark_cli.advice.advising import Equilibration
-from newmark_cli.library.scalings import integrator_of, scheme_of
+from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.newmark.balance import Inverted, equilibrium
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.jacobian import scaling_factors
@@ -538,7 +538,7 @@ def test_studies_and_python_problems_are_subjects(cli, advise_cli):
 def schemes_of(form, integrator="newmark", scaling="optimal"):
     """What advice is about, but for the step size."""
     return partial(
-        scheme_of, form=form, integrator=integrator_of(integrator), formulation=INDEX_3,
+        scheme_of, form=form, integrator=read("integrator", integrator), formulation=INDEX_3,
         scaling=scaling, evaluation="direct", precision="float64",
     )  # fmt: skip
 
@@ -549,9 +549,9 @@ def schemes_of(form, integrator="newmark", scaling="optimal"):
 ])  # fmt: skip
 def test_noise_that_is_carried_on(integrator, factor):
     """Independent roundings of u add up to this multiple in λ; a march of them agrees."""
-    found = carried(integrator_of(integrator))
+    found = carried(read("integrator", integrator))
     assert found == pytest.approx(factor, rel=1e-3)
-    relations = integrator_of(integrator).relations(1.0)
+    relations = read("integrator", integrator).relations(1.0)
     random, past, seen = np.random.default_rng(3), np.zeros(len(relations.u_past)), []
     for u in random.normal(size=8_000):
         a = (u - relations.u_past @ past) / relations.u_from_a
@@ -567,7 +567,7 @@ def test_noise_that_is_carried_on(integrator, factor):
 @each("integrator", ["trapezoidal", "generalized-alpha rho=1.0"])
 def test_noise_adds_up_without_dissipation(integrator):
     """The trapezoidal rule by any name."""
-    assert carried(integrator_of(integrator)) == np.inf
+    assert carried(read("integrator", integrator)) == np.inf
 
 
 @pytest.mark.usefixtures("few_draws")

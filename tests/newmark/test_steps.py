@@ -13,7 +13,7 @@ from marching import in_python
 from oracles import THROWN, thrown_pendulum
 
 import newmark_cli as newmark
-from newmark_cli.library.scalings import integrator_of, scheme_of
+from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.newmark import steps
 from newmark_cli.newmark.formulation import Projection
 from newmark_cli.newmark.integrator import INTEGRATORS
@@ -95,7 +95,7 @@ def test_engines_agree(
             break
         h = 1e-2 if "pendulum" in problem else 1e-4
         scheme = scheme_of(
-            form, integrator_of(integrator), formulation, "optimal", h, evaluation=evaluation,
+            form, read("integrator", integrator), formulation, "optimal", h, evaluation=evaluation,
             precision="float64", projection=Projection(projection), auxiliary=auxiliary,
         )  # fmt: skip
         grid, found = TimeGrid.of(steps.parse(sequence), subject.t0, h, 30), []

@@ -181,7 +181,7 @@ def test_parquet_has_the_same_bits(ran):
     pytest.importorskip("pyarrow")
     folder = ran.folder / "results"
     before = newmark.trajectories(folder, "swing")
-    ran("run", "swing.yaml", "--format", "parquet")
+    ran("run", "swing.yaml", "--trajectories", "parquet")
     assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.parquet"]
     assert records.changed(folder, ["swing"]) == []
     found = newmark.trajectories(folder, "swing")
@@ -204,14 +204,15 @@ def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monke
         with pytest.raises(newmark.InputError) as caught:
             call()
         assert str(caught.value) == (
-            "--format parquet needs pyarrow; install it with: pip install 'newmark-study[parquet]'"
+            "--trajectories parquet needs pyarrow; install it with: "
+            "pip install 'newmark-study[parquet]'"
         )
     assert not (tmp_path / "r").exists()
 
 
 def test_damaged_parquet(ran):
     pytest.importorskip("pyarrow")
-    ran("run", "swing.yaml", "--format", "parquet")
+    ran("run", "swing.yaml", "--trajectories", "parquet")
     (ran.folder / "results/trajectory/swing.parquet").write_bytes(b"PAR1" + bytes(40) + b"PAR1")
     with pytest.raises(newmark.InputError, match=r"swing\.parquet: not Parquet: .+") as caught:
         newmark.trajectories(ran.folder / "results", "swing")
