@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
     from newmark_cli.external.judging import Judged, judge
+    from newmark_cli.library.finding import dae, problem
     from newmark_cli.library.marching import march, steps
-    from newmark_cli.library.problems import dae, problem
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.stepping import Steps
     from newmark_cli.library.studies import plot, run, slopes, trajectories
@@ -61,13 +61,13 @@ _HOMES = {
     "Trajectory": "newmark.trajectory",
     "advise": "advice.advising",
     "advise_jacobian": "advice.jacobians",
-    "dae": "library.problems",
+    "dae": "library.finding",
     "floor": "advice.floors",
     "judge": "external.judging",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",
-    "problem": "library.problems",
+    "problem": "library.finding",
     "run": "library.studies",
     "scaling": "library.scalings",
     "slopes": "library.studies",

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.advice.diagnosing import (
+from newmark_cli.advice.linearised import Subject, require_fit, subject_of
+from newmark_cli.advice.sections import plain, sections
+from newmark_cli.advice.tolerances import (
     ALL,
     RESIDUAL_TESTED,
     SPREAD,
@@ -20,8 +22,6 @@ from newmark_cli.advice.diagnosing import (
     one_sided,
     tolerances_of,
 )
-from newmark_cli.advice.linearised import Subject, require_fit, subject_of
-from newmark_cli.advice.text import plain, sections
 from newmark_cli.library import arguments
 from newmark_cli.library.marching import march
 from newmark_cli.library.scalings import (

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.advice.linearised import MOST_UNKNOWNS
-from newmark_cli.advice.text import plain, titled
+from newmark_cli.advice.sections import plain, titled
 from newmark_cli.library import arguments
 from newmark_cli.library.scalings import integrator_or_newmark
 from newmark_cli.newmark.balance import Inverted, block_factors, block_sizes

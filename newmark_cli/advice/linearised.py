@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.library.marching import march
-from newmark_cli.library.problems import problem as problem_of
 from newmark_cli.newmark.balance import has_full_rank, is_regular, saddle_point
 from newmark_cli.newmark.floor import Floor, floor, unpredicted
 from newmark_cli.newmark.forms import INDEX_3

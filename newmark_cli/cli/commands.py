@@ -15,7 +15,7 @@ import click
 from click.shell_completion import shell_complete
 
 from newmark_cli import __version__
-from newmark_cli.cli import advising, inspecting, judging, results, running, screen
+from newmark_cli.cli import advise, evaluating, inspecting, judge, launching, screen
 from newmark_cli.support import compiling
 from newmark_cli.support.errors import ExecutorError, InputError
 from newmark_cli.support.retired import RETIRED
@@ -50,16 +50,16 @@ def cli() -> None:
 
 
 for command in (
-    running.run,
-    running.reproduce,
-    results.plot,
-    results.show,
-    results.check,
-    results.tables,
-    results.compare,
-    results.report,
-    advising.advise,
-    judging.judge,
+    launching.run,
+    launching.reproduce,
+    evaluating.plot,
+    evaluating.show,
+    evaluating.check,
+    evaluating.tables,
+    evaluating.compare,
+    evaluating.report,
+    advise.advise,
+    judge.judge,
     inspecting.orders,
     inspecting.validate,
     inspecting.draw,

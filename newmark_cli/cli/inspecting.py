@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.options import (
+from newmark_cli.cli.shared import (
     Declared,
     Number,
     allow_code_option,

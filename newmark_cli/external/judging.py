@@ -14,7 +14,7 @@ from newmark_cli.external.diagnosing import Finding, diagnosed
 from newmark_cli.external.matching import matched
 from newmark_cli.external.measuring import Measured, Motion, measured, method, slopes
 from newmark_cli.external.reading import METHOD, STEP_SIZE, UNNAMED, names_of, read
-from newmark_cli.library.problems import problem as problem_of
+from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.report.judging.expectations import Expected, expected

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from newmark_cli.library import arguments, continuing
-from newmark_cli.library.problems import problem as problem_of
+from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.library.stepping import MOST_BYTES, Steps, room, taken
 from newmark_cli.newmark.forms import INDEX_3

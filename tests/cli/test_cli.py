@@ -168,7 +168,7 @@ def test_reproduce_keeps_the_slopes_of_other_studies(
     """
     reproduced = ("pendulum-v", "pendulum-a")
     monkeypatch.setattr(config, "REPRODUCED", reproduced)
-    monkeypatch.setattr("newmark_cli.cli.running.show_tables", lambda *_: 0)  # of all-forms
+    monkeypatch.setattr("newmark_cli.cli.launching.show_tables", lambda *_: 0)  # of all-forms
     for kind in ("csv", "json"):
         shutil.copy(committed_folder / f"multipliers.{kind}", tmp_path)
     # A study that would fail the check.

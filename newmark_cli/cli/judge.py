@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.options import (
+from newmark_cli.cli.shared import (
     allow_code_option,
     as_json_text,
     axis_option,

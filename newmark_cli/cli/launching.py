@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.options import (
+from newmark_cli.cli.evaluating import show_claims, show_tables, verdict
+from newmark_cli.cli.shared import (
     allow_code_option,
     flag,
     results_folder,
     running_options,
 )
-from newmark_cli.cli.results import show_claims, show_tables, verdict
 from newmark_cli.support import interrupts
 
 if TYPE_CHECKING:

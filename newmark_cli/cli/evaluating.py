@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from newmark_cli.cli import screen
-from newmark_cli.cli.options import (
+from newmark_cli.cli.shared import (
     Number,
     as_json_text,
     choosing_options,
