@@ -122,11 +122,17 @@ def show(
     Example:
       newmark-study show pendulum-u --quantity lambda --preconditioning none
     """
+    from newmark_cli.report.reading import records
     from newmark_cli.report.reading.choosing import Choice
     from newmark_cli.report.tables import showing
+    from newmark_cli.study import reading
 
     if as_recorded:
-        return show_records(folder, studies, as_json)
+        files = (folder / f"{name}.csv" for name in reading.named_studies(folder, studies))
+        recorded = [records.read(file) for file in files]
+        text = as_json_text(recorded) if as_json else "\n\n".join(map(records.as_text, recorded))
+        screen.lines(text)
+        return 0
     read, choice = showing.read(folder, studies), Choice(measure, values)
     if not studies and not choice:
         screen.lines(
@@ -311,7 +317,8 @@ def tables(
     help="Relative tolerance of values that are not dominated by rounding.",
 )
 @flag("--all", "everything", help="Show all differences, not only ten of each kind.")
-def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
+@json_option
+def compare(first: Path, second: Path, rtol: float, everything: bool, as_json: bool) -> int:
     """Compare two results folders: cells, values, slopes, verdicts.
 
     Values at rounding level (corrections, errors, residuals) differ between machines
@@ -325,8 +332,8 @@ def compare(first: Path, second: Path, rtol: float, everything: bool) -> int:
     """
     from newmark_cli.report.tables import compare as comparing
 
-    text, differs = comparing.compare(first, second, rtol, None if everything else 10)
-    screen.lines(text)
+    text, data, differs = comparing.compare(first, second, rtol, None if everything else 10)
+    screen.lines(as_json_text(data) if as_json else text)
     return int(differs)
 
 
@@ -390,20 +397,6 @@ def show_claims(
     if changed:
         summary += f", {len(changed)} not what was written"
     return summary
-
-
-def show_records(folder: Path, studies: Sequence[str], as_json: bool) -> int:
-    """Print where the results of studies come from, by default of all."""
-    from newmark_cli.report.reading import records
-    from newmark_cli.study import reading
-
-    named = reading.named_studies(folder, studies)
-    read = [records.read(folder / f"{name}.csv") for name in named]
-    if as_json:
-        screen.lines(as_json_text(read))
-    else:
-        screen.lines("\n\n".join(map(records.as_text, read)))
-    return 0
 
 
 def verdict(asserted: "Sequence[Outcome]", strict: str = "") -> int:

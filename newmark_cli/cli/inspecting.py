@@ -132,7 +132,7 @@ def validate(files: tuple[str, ...], as_json: bool, allow_code: bool) -> int:
 @click.option(
     "--at",
     "time",
-    type=Number(0, 1e9),
+    type=Number(0),
     default=0.0,
     metavar="T",
     help="Draw the mechanism at time T (s).",
@@ -140,7 +140,7 @@ def validate(files: tuple[str, ...], as_json: bool, allow_code: bool) -> int:
 @click.option(
     "--h",
     "step",
-    type=Number(0, 1e9, min_open=True),
+    type=Number(0, min_open=True),
     metavar="H",
     help="Step size (s); by default halved until nothing visible changes.",
 )

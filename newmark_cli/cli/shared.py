@@ -37,13 +37,13 @@ class Declared(click.Choice[str]):
 
 
 class Number(click.FloatRange):
-    """A number in a range; that of click has room for nan."""
+    """A finite number in a range; that of click has room for nan."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """The number; `click.BadParameter` is raised for others."""
         number: float = super().convert(value, param, ctx)
-        if math.isnan(number):
-            self.fail(f"{value!r} is not a number.", param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
 
 
@@ -226,7 +226,7 @@ def as_json_text(value: object) -> str:
     def plain(part: object) -> object:
         if isinstance(part, dict):
             return {key: plain(item) for key, item in part.items()}
-        if isinstance(part, list):
+        if isinstance(part, list | tuple):
             return [plain(item) for item in part]
         return None if isinstance(part, float) and not math.isfinite(part) else part
 

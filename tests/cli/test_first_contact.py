@@ -239,12 +239,6 @@ def test_what_is_no_study(cli):
         (("run", "stopping"), "no shipped study; it is gone: the page on studies says what"),
     ):
         assert told in cli(*arguments, code=2).stderr
-    # An option that went from one command only.
-    line = cli("run", "pendulum-u", "--format", "parquet", code=2).stderr
-    assert line == (
-        "newmark-study: No such option '--format'; it is gone: take --trajectories csv or parquet\n"
-    )
-    assert "it is gone" not in cli("show", "pendulum-u", "--format", "csv", code=2).stderr
 
 
 def test_masses_of_body_points_count():

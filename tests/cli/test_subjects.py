@@ -1,5 +1,7 @@
 """Every command on every kind of subject: it works, or says in one line why it cannot."""
 
+import json
+
 import examples
 import numpy as np
 import pytest
@@ -105,3 +107,25 @@ def require(done, works):
     if not works:
         (line,) = done.stderr.splitlines()
         assert line.startswith("newmark-study: ")
+
+
+def test_an_option_that_went_from_one_command(folder):
+    """`run` says what its `--format` is called now; `show` never had one."""
+    done = invoke(["run", "pendulum-u", "--format", "parquet"], folder)
+    way = "it is gone: take --trajectories csv or parquet"
+    assert done.stderr == f"newmark-study: No such option '--format'; {way}\n"
+    assert done.returncode == 2
+    assert "it is gone" not in invoke(["show", "pendulum-u", "--format", "csv"], folder).stderr
+
+
+def test_validate_has_the_same_as_json(folder):
+    """Valid or not, a file is an entry; the exit code is the same."""
+    names = ["pendulum-u", "planar.yaml", "nowhere.yaml"]
+    told = invoke(["validate", *names], folder)
+    done = invoke(["validate", *names, "--json"], folder)
+    assert (done.returncode, done.stderr) == (told.returncode, "") == (2, "")
+    *valid, wrong = json.loads(done.stdout)
+    lines = [line for entry in valid for line in entry["description"]]
+    assert lines == told.stdout.splitlines()
+    assert [entry["mistakes"] for entry in valid] == [[], []]
+    assert told.stderr == f"newmark-study: {wrong['mistakes'][0]}\n"

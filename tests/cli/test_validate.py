@@ -1,7 +1,5 @@
 """`validate`: every mistake of a file in a line of its own, and nothing that only follows."""
 
-import json
-
 import pytest
 from conftest import QUICK
 from each import each
@@ -54,18 +52,6 @@ def test_every_mistake_of_a_config(cli):
     assert said["h"] == "write a list in brackets: h: [1e-2, 1e-3]"
     line = cli.refused("run", "c.yaml")
     assert line.startswith("newmark-study: c.yaml, line 1: studdy: unknown key")
-
-
-def test_json_has_what_is_printed(cli):
-    """Valid or not, a file is an entry; the exit code is the same."""
-    cli.write("c.yaml", MISTAKEN)
-    told = cli("validate", "pendulum-u", "c.yaml", code=2)
-    done = cli("validate", "pendulum-u", "c.yaml", "--json", code=2)
-    assert done.stderr == ""
-    valid, other = json.loads(done.stdout)
-    assert valid == {"file": "pendulum-u", "description": told.stdout.splitlines(), "mistakes": []}
-    lines = [f"newmark-study: {text}" for text in other["mistakes"]]
-    assert (other["file"], other["description"], lines) == ("c.yaml", [], told.stderr.splitlines())
 
 
 def test_every_case_is_looked_at(cli):

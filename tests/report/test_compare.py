@@ -32,7 +32,7 @@ def compared(folders, monkeypatch):
     monkeypatch.setenv("COLUMNS", "400")
 
     def compare(most=None):
-        text, differs = comparing.compare(*folders, 1e-6, most)
+        text, _, differs = comparing.compare(*folders, 1e-6, most)
         return [re.sub("  +", " | ", line.strip()) for line in text.splitlines()], differs
 
     return compare
@@ -135,6 +135,9 @@ def test_series_and_rows_that_are_not_in_both(cli, committed_folder):
     assert shown.splitlines()[:3] == ["cells in both: 16", *lines]
     shown = cli("compare", "b", "a", code=1).stdout
     assert shown.splitlines()[:3] == ["cells in both: 16", *lines]
+    found = json.loads(cli("compare", "b", "a", "--json", code=1).stdout)
+    assert [f"only in a: {entry}" for entry in found["only_in_second"]] == lines
+    assert (found["cells_in_both"], found["only_in_first"], found["verdicts"]) == (16, [], [])
     cli("compare", "a", "a")
 
 

@@ -37,7 +37,9 @@ _CELL = [name for name in _ROW if name not in _OF_ROWS]
 Difference = tuple[str, str, str]
 
 
-def compare(first: Path, second: Path, rtol: float, most: int | None) -> tuple[str, bool]:
+def compare(
+    first: Path, second: Path, rtol: float, most: int | None
+) -> tuple[str, dict[str, Any], bool]:
     """Compare two results folders.
 
     Args:
@@ -46,8 +48,8 @@ def compare(first: Path, second: Path, rtol: float, most: int | None) -> tuple[s
         most: Length of each printed list; None prints all.
 
     Returns:
-        What to print, and whether a verdict is another one or a study in both folders has a
-        cell, series or row in only one of them.
+        What to print, all of it as data, and whether a verdict is another one or a study in both
+        folders has a cell, series or row in only one of them.
     """
     names = str(first), str(second)
     a, b = _rows(first), _rows(second)
@@ -55,7 +57,8 @@ def compare(first: Path, second: Path, rtol: float, most: int | None) -> tuple[s
     both = a[a["measure"] != ""].merge(b, on=_ROW)
     lines = [f"cells in both: {len(cells)}"]
     only = [list(_only(*pair)) for pair in ((a, b), (b, a))]
-    for lacking in ([list(_lacked(a, b)), list(_lacked(b, a))], only):
+    lacked = [list(_lacked(*pair)) for pair in ((a, b), (b, a))]
+    for lacking in (lacked, only):
         for name, entries in zip(names, lacking, strict=True):
             lines += [visible(f"only in {name}: {entry}") for entry in entries[:most]]
             if more := len(entries[len(entries) if most is None else most :]):
@@ -96,7 +99,19 @@ def compare(first: Path, second: Path, rtol: float, most: int | None) -> tuple[s
         ),
     ]
     text = "\n\n".join(["\n".join(lines), *(_block(*block, names, most) for block in blocks)])
-    return text, bool(verdicts) or any(only)
+    data = {
+        "folders": [*names],
+        "cells_in_both": len(cells),
+        "values_in_both": len(both),
+        "only_in_first": lacked[0] + only[0],
+        "only_in_second": lacked[1] + only[1],
+        "statuses": ended,
+        "values": values,
+        "farthest_slope": slope,
+        "environment": environment,
+        "verdicts": verdicts,
+    }
+    return text, data, bool(verdicts) or any(only)
 
 
 def _block(
