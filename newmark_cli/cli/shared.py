@@ -30,7 +30,7 @@ class Declared(click.Choice[str]):
         self._declared = f"newmark_cli.{module}", names
 
     @functools.cached_property
-    def choices(self) -> tuple[str, ...]:
+    def choices(self) -> tuple[str, ...]:  # type: ignore[override]
         """The names."""
         module, names = self._declared
         return tuple(getattr(import_module(module), names))

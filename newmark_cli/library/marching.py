@@ -12,13 +12,12 @@ from newmark_cli.library import arguments, continuing
 from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.library.stepping import MOST_BYTES, Steps, room, taken
-from newmark_cli.newmark.forms import INDEX_3
-from newmark_cli.newmark.formulation import CONSISTENT, reported
-from newmark_cli.newmark.integrator import RESCALE_VELOCITY
+from newmark_cli.newmark.formulation import CONSISTENT, CONSTRAINTS, UNPROJECTED, reported
+from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Newmark
 from newmark_cli.newmark.kept import KEPT, first_outside
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.scheme import DIRECT, Scheme, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.newmark.trajectory import Step, Trajectory
 from newmark_cli.newmark.twins import twins as twins_of
@@ -32,8 +31,11 @@ from newmark_cli.support.errors import ArgumentError
 _MOST_STEPS = 2**53
 #: Part of a step by which t_end may miss its end.
 _SAME_STEP = 1e-9
-#: Attributes of a scheme that are checked against each other and the problem.
-_OF_SCHEME = ("integrator", "formulation", "projection", "evaluation", "precision", "start")
+#: Options that a scheme is made of.
+_OF_SCHEME = (
+    "form", "integrator", "formulation", "scaling", "evaluation", "precision", "iteration_cap",
+    "stop", "projection", "start", "auxiliary",
+)  # fmt: skip
 
 
 class Options(TypedDict, total=False):
@@ -65,6 +67,17 @@ class Options(TypedDict, total=False):
     twins: int
 
 
+#: What they are when they are omitted.
+_USUAL: Options = {
+    "form": "u-lambda", "integrator": Newmark(), "scaling": "optimal", "evaluation": DIRECT,
+    "precision": "float64", "formulation": CONSTRAINTS, "projection": UNPROJECTED,
+    "multipliers": AUTO, "start": CONSISTENT, "h_sequence": CONSTANT,
+    "auxiliary": RESCALE_VELOCITY, "linear_solver": AUTO, "krylov": None, "stop": None,
+    "iteration_cap": 50, "every": None, "at": None, "keep": KEPT, "u0": None, "v0": None,
+    "project": False, "state": None, "callback": None, "twins": 0,
+}  # fmt: skip
+
+
 @overload
 def march(
     problem: Any,
@@ -94,30 +107,7 @@ def march(
     h: ArrayLike,
     t_end: float | None = None,
     steps: int | None = None,
-    form: str = "u-lambda",
-    integrator: Any = "trapezoidal",
-    scaling: Any = "optimal",
-    evaluation: str = "direct",
-    precision: str = "float64",
-    formulation: Any = INDEX_3,
-    projection: Any = "none",
-    multipliers: str = AUTO,
-    start: str = CONSISTENT,
-    h_sequence: Any = CONSTANT.label,
-    auxiliary: str = RESCALE_VELOCITY,
-    linear_solver: str = AUTO,
-    krylov: Mapping[str, float] | Krylov | None = None,
-    stop: Mapping[str, float] | Tolerance | None = None,
-    iteration_cap: int = 50,
-    every: int | None = None,
-    at: ArrayLike | None = None,
-    keep: Sequence[str] = KEPT,
-    u0: ArrayLike | Mapping[str, Any] | None = None,
-    v0: ArrayLike | Mapping[str, Any] | None = None,
-    project: bool = False,
-    state: Step | None = None,
-    callback: Callable[[Step], object] | None = None,
-    twins: int = 0,
+    **options: Unpack[Options],
 ) -> Trajectory | Steps:
     """March a problem, M v' = f + G λ, u' = v, 0 = Φ, with steps of prescribed size.
 
@@ -132,23 +122,25 @@ def march(
             steps up to it are taken.
         steps: In place of ``t_end`` the number of steps; ``True``: return an iterator
             over the steps, without end if there is neither a ``t_end`` nor an array h.
-        form: Unknowns that are kept: one of ``u-lambda``, ``v-lambda``, ``a-lambda``,
-            ``u-v-lambda``, ``u-v-a-lambda``, ``u-a-lambda``, ``v-a-lambda``.
-        integrator: ``"trapezoidal"``, text such as ``"newmark beta=0.3025 gamma=0.6"`` or
-            ``"generalized-alpha rho=0.9"``, a dict as in a config, or an object of
-            `newmark_cli.newmark.integrator`.
-        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"`` (Table 2),
+        form: Unknowns that are kept: one of ``u-lambda``, which is taken when omitted,
+            ``v-lambda``, ``a-lambda``, ``u-v-lambda``, ``u-v-a-lambda``, ``u-a-lambda``,
+            ``v-a-lambda``.
+        integrator: ``"trapezoidal"`` when omitted; text such as ``"newmark beta=0.3025
+            gamma=0.6"`` or ``"generalized-alpha rho=0.9"``, a dict as in a config, or an object
+            of `newmark_cli.newmark.integrator`.
+        scaling: ``"optimal"`` (Table 2) when omitted; ``"none"``, ``"left"``, ``"right"``,
             ``"optimal-printed"``, ``"partial"``, or a dict with ``name``, ``left`` and
             ``right`` as in a config; ``preconditioning`` is the same argument.
-        evaluation: ``"direct"`` as the paper writes the residuals, or ``"compensated"``.
-        precision: ``"float64"`` or ``"float32"``, the arithmetic of the march; what is
-            returned is float64.
+        evaluation: ``"direct"``, as the paper writes the residuals, when omitted, or
+            ``"compensated"``.
+        precision: ``"float64"`` when omitted, or ``"float32"``, the arithmetic of the march;
+            what is returned is float64.
         formulation: Which constraint rows are solved: ``"index-3"``, the constraints
-            themselves, ``"index-2"``, ``"index-1"``, ``"baumgarte"``, ``"ggl"``,
+            themselves, when omitted; ``"index-2"``, ``"index-1"``, ``"baumgarte"``, ``"ggl"``,
             ``"augmented-lagrangian"``; with a parameter text such as
             ``"baumgarte rate=100"``, or a dict as in a config, ``{"method": "baumgarte",
             "rate_h": 1}``.
-        projection: After each step: ``"none"``, ``"velocity"`` onto Gᵀv + Φ_t = 0, or
+        projection: After each step: ``"none"`` when omitted; ``"velocity"`` onto Gᵀv + Φ_t = 0, or
             ``"position-velocity"``; a dict ``{"method": "velocity", "accelerations": True}``
             replaces v' too.
         multipliers: Which λ is reported: ``"newton"``, ``"recovered"`` from u and v by the
@@ -162,8 +154,8 @@ def march(
         auxiliary: What the integrator carries over where the step size changes, by q:
             ``"rescale"`` scales what the auxiliary acceleration of generalized-α differs by from
             v' with q, ``"keep"`` keeps it, ``"restart"`` starts anew from u, v, v'.
-            ``"rescale-velocity"`` also scales the velocity across the constraints, with q² in
-            most integrators: the only one with which λ of index 3 keeps its order.
+            ``"rescale-velocity"``, when omitted, also scales the velocity across the constraints,
+            with q² in most integrators: the only one with which λ of index 3 keeps its order.
         linear_solver: ``"auto"``, ``"dense-lu"``, ``"sparse-lu"``, ``"static-lu"``,
             ``"gmres"``.
         krylov: ``{"tolerance": 1e-8, "limit": 600}`` of GMRES.
@@ -171,14 +163,14 @@ def march(
             correction at which Newton's iteration stops; ``{"test": "residual", "relative":
             1e-8}`` of the residual, against the step's first; ``{"lambda": {"relative":
             1e-4}}`` by field.  Where rounding stops it, eq. 50, when omitted.
-        iteration_cap: Most Newton corrections in a step.
+        iteration_cap: Most Newton corrections in a step; 50 when omitted.
         every: Keep the start, every so many steps, and the last; 1 when omitted, 0 keeps
             only the last.  A kept step takes 8 (3 n + m + 2) bytes; more than 1 GB is
             refused.
         at: Keep the steps nearest to these times (s) instead, in any order; ``t`` of the
             trajectory tells which they are.  Without ``t_end`` the march ends at the last.
-        keep: Which of ``"u"``, ``"v"``, ``"a"``, ``"lambda"``; ``()`` keeps only the
-            ``state`` at the end.
+        keep: Which of ``"u"``, ``"v"``, ``"a"``, ``"lambda"``, all when omitted; ``()`` keeps
+            only the ``state`` at the end.
         u0: Coordinates of a start of your own, (n,) (m; angles: rad), or a dict of points,
             ``{"P": (1.0, 0.0)}``, and coordinates, ``{"P.x": 1.0}``; what is not given is
             the problem's.
@@ -223,22 +215,21 @@ def march(
         >>> later.t.round(3).tolist(), later.u.shape
         ([0.04], (1, 8))
     """
-    projected = read("projection", projection)
-    given = arguments.step_sizes(h)
-    sizes, h = (given if np.ndim(h) else None), float(given[0])
-    sequence = read("h_sequence", h_sequence)
+    given = _read(options)
+    state, keep, at, callback = (given[name] for name in ("state", "keep", "at", "callback"))
+    solver = given["linear_solver"], given["krylov"]
+    all_sizes = arguments.step_sizes(h)
+    sizes, h = (all_sizes if np.ndim(h) else None), float(all_sizes[0])
+    sequence = given["h_sequence"]
     if sizes is not None and sequence != CONSTANT:
         raise ArgumentError("h_sequence: not with an array h, which says all sizes")
     scheme = scheme_of(
-        form, integrator, formulation, scaling, h, evaluation=evaluation, precision=precision,
-        iteration_cap=iteration_cap, stop=stop, projection=projected, start=start,
-        reported=reported(read("multipliers", multipliers), projected), auxiliary=auxiliary,
+        h=h, reported=reported(given["multipliers"], given["projection"]),
+        **{name: given[name] for name in _OF_SCHEME},
     )  # fmt: skip
-    linear_solver, krylov = read("linear_solver", linear_solver), read("krylov", krylov)
-    keep = arguments.some_of("keep", keep, KEPT)
     original = problem_of(problem)
-    _require_fit(original, scheme, form, linear_solver, multipliers)
-    subject = _started(original, u0, v0, project, state)
+    _require_fit(original, scheme, given)
+    subject = _started(original, given["u0"], given["v0"], given["project"], state)
     begins = subject.t0 if state is None else state.t
     if sequence != CONSTANT:
         sizes = h * sequence.factors(_count(h, sequence, t_end, steps, original.t0 - begins), h)
@@ -247,17 +238,17 @@ def march(
     asked = None if stepped else steps
     if sizes is not None and t_end is None and asked is None and at is None:
         asked = len(sizes)
-    begun = continuing.begun(subject, scheme, linear_solver, krylov, state, grid)
+    begun = continuing.begun(subject, scheme, *solver, state, grid)
     _require_callback(callback, at, stepped)
     last = _last(begun, original.t0, t_end, asked, at, stepped)
     _require_reachable(original, begun.grid, sizes, last)
-    looks, ends = _looks(begun, last, every, at, keep, stepped)
-    if not arguments.count("twins", twins):
+    looks, ends = _looks(begun, last, given["every"], at, keep, stepped)
+    if not given["twins"]:
         return taken(begun, last, looks, keep, callback, stepped, ends)
     if stepped or callback is not None or state is not None:
         raise ArgumentError("twins: not with steps=True, callback or state")
     marched = []
-    for other in (*twins_of(subject, scheme, twins, linear_solver, krylov, grid), begun):
+    for other in (*twins_of(subject, scheme, given["twins"], *solver, grid), begun):
         continuing.require_finite(other)
         marched.append(cast(Trajectory, taken(other, last, looks, keep, None, False, ends)))
     return replace(marched[-1], twins=marched[:-1])
@@ -292,12 +283,15 @@ def steps(
     return stepping
 
 
-def _require_fit(
-    problem: Problem, scheme: Scheme, form: str, linear_solver: str, multipliers: str
-) -> None:
-    """Refuse a scheme that the problem is not fit for."""
-    at = {name: getattr(scheme, name) for name in _OF_SCHEME}
-    at |= {"form": form, "linear_solver": linear_solver, "multipliers": multipliers}
+def _read(options: Mapping[str, Any]) -> dict[str, Any]:
+    """All further arguments of `march`, read."""
+    for name in options.keys() - _USUAL.keys():
+        raise TypeError(f"march() got an unexpected keyword argument {name!r}")
+    return {name: read(name, value) for name, value in {**_USUAL, **options}.items()}
+
+
+def _require_fit(problem: Problem, scheme: Scheme, at: Mapping[str, Any]) -> None:
+    """Refuse a scheme that the problem is not fit for, by the arguments of `march`."""
     for key, why in (*fitting.of_each_other(at), *fitting.of_problem(problem, problem, at)):
         raise ArgumentError(f"{key}: {why}")
     try:
@@ -311,7 +305,6 @@ def _require_fit(
 
 def _started(problem: Problem, u0: Any, v0: Any, project: bool, state: Step | None) -> Problem:
     """The problem with the start that was asked for."""
-    project = arguments.flag("project", project)
     if state is not None:
         if not isinstance(state, Step):
             raise ArgumentError(

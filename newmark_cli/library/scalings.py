@@ -18,6 +18,7 @@ from newmark_cli.newmark.formulation import (
     Projection,
 )
 from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark
+from newmark_cli.newmark.kept import KEPT
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
@@ -219,6 +220,9 @@ _READERS: Mapping[str, _Reader] = MappingProxyType(
         "auxiliary": _named(AUXILIARY),
         "linear_solver": _named(LINEAR_SOLVERS),
         "iteration_cap": partial(arguments.count, least=1),
+        "twins": arguments.count,
+        "project": arguments.flag,
+        "keep": partial(arguments.some_of, allowed=KEPT),
         "scaling": _scaling,
         "integrator": _as_in_configs("IntegratorConfig", _is_integrator),
         "formulation": _as_in_configs("FormulationConfig", _of(Formulation)),
@@ -231,8 +235,8 @@ _READERS: Mapping[str, _Reader] = MappingProxyType(
 
 
 def read(name: str, value: Any) -> Any:
-    """The core's value of an argument of `march`; raises `NewmarkError` for what is none."""
-    return _READERS[name](name, value)
+    """An argument of `march` as the core takes it; raises `NewmarkError` for what it does not."""
+    return _READERS[name](name, value) if name in _READERS else value
 
 
 def scheme_of(
@@ -241,7 +245,7 @@ def scheme_of(
     """The scheme that arguments of `march` describe; further ones are attributes of its."""
     chosen = read("formulation", formulation)
     formulated = chosen.applied(FORMS[read("form", form)])
-    attributes = {n: read(n, value) if n in _READERS else value for n, value in further.items()}
+    attributes = {name: read(name, value) for name, value in further.items()}
     return Scheme(
         read("integrator", integrator),
         formulated,
