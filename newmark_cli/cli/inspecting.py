@@ -194,7 +194,12 @@ def draw(
     """
     from newmark_cli.study import config
 
-    _require_drawable(time, step, animated)
+    if step is not None and step > time:
+        raise InputError(f"--h: must be at most T = {time:g}, given {step:g}")
+    if animated is not None and animated.suffix.lower() != ".gif":
+        raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
+    if animated is not None and time == 0:
+        raise InputError("--animate: needs --at T, the end of the motion")
     spec = config.problem_named(problem, allow_code)
     subject = spec.load()
     if subject.drawing is None:
@@ -236,15 +241,6 @@ def draw(
     for file in style.save(drawn, folder):
         screen.line(file)
     return 0
-
-
-def _require_drawable(time: float, step: float | None, animated: Path | None) -> None:
-    if step is not None and step > time:
-        raise InputError(f"--h: must be at most T = {time:g}, given {step:g}")
-    if animated is not None and animated.suffix.lower() != ".gif":
-        raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
-    if animated is not None and time == 0:
-        raise InputError("--animate: needs --at T, the end of the motion")
 
 
 #: What the entries of a section of `list` mean.

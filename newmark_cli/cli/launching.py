@@ -160,7 +160,7 @@ def _tell(runs: "Sequence[StudyRun]", folder: Path, quiet: bool = False) -> int:
     for done in runs:
         for complaint in done.complaints:
             screen.complain(f"{done.study}: {complaint}")
-    return 0 if all(done.ok for done in runs) else 1
+    return 1 if any(done.complaints for done in runs) else 0
 
 
 def _dry_run(studies: "Sequence[Study]", folder: Path, force: bool) -> int:

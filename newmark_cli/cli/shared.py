@@ -164,22 +164,21 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
     """Options of the commands that run studies, gathered into `runner.Options`, ``how``."""
 
     @functools.wraps(command)
-    def gathered(
-        jobs: int | None, timeout: float | None, executor: str, scheduler: str | None,
-        force: bool, fail_fast: bool, **rest: Any,
-    ) -> int:  # fmt: skip
-        if scheduler is not None and executor != "dask":
-            raise click.UsageError("--scheduler needs --executor dask")
+    def gathered(**given: Any) -> int:
         from newmark_cli.running.runner import Options
 
-        how = Options(jobs or usable(), force, fail_fast, timeout, executor, scheduler)
-        return command(how=how, **rest)
+        names = ("jobs", "force", "fail_fast", "timeout", "executor", "scheduler")
+        how = Options(**{name: given.pop(name) for name in names})
+        if how.scheduler is not None and how.executor != "dask":
+            raise click.UsageError("--scheduler needs --executor dask")
+        return command(how=how, **given)
 
     for option in reversed(
         (
             click.option(
                 "--jobs",
                 type=click.IntRange(1, 1024),
+                default=usable,
                 metavar="N",
                 help="Number of threads, or of processes for problems in Python; one per "
                 "processor by default.",

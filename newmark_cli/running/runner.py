@@ -64,11 +64,6 @@ class StudyRun:
     complaints: tuple[str, ...]
     kept: int  #: cells that had been computed before
 
-    @property
-    def ok(self) -> bool:
-        """Whether every cell is, or is what the study is about."""
-        return not self.complaints
-
 
 class Watcher:
     """Follows what happens while studies run; this one does nothing."""
