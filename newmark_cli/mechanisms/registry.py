@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -42,34 +41,6 @@ def problem(name: str) -> Problem:
     from newmark_cli.mechanisms import loading
 
     return loading.load(file(name), name)
-
-
-@cache
-def is_spatial(name: str) -> bool:
-    """Whether there is a shipped mechanism in space of this name; nothing is built."""
-    from newmark_cli.support import documents
-
-    data = documents.read(file(name)).data if name in PROBLEMS else {}
-    return data.get("dimensions") == 3
-
-
-@dataclass(frozen=True)
-class About:
-    """A shipped problem in words and numbers, at no cost: nothing is built or compiled."""
-
-    title: str
-    description: str
-    n: int
-    m: int
-
-
-@cache
-def about(name: str) -> About:
-    """Description of a shipped problem in its file."""
-    from newmark_cli.support import documents
-
-    data = documents.read(file(name)).data
-    return About(data["title"], data["description"], *size(data))
 
 
 def size(data: Mapping[str, Any]) -> tuple[int, int]:

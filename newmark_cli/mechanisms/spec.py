@@ -167,7 +167,8 @@ class Code(_Loaded):
             may have changed before the next.
         files: (path, content) pairs of the code where it is carried to another machine,
             relative to the folder of the file, whose own path means nothing there.
-        described: The problem as it was read, with functions that cannot be called.
+        described: The problem as it was read, with functions that cannot be called; it stays in
+            this process.
     """
 
     path: Path
@@ -209,9 +210,8 @@ class Code(_Loaded):
         problem = _described(self, reading, timeout)
         return replace(self, code=problem.code, reading=reading, described=problem)
 
-    def pinned(self) -> Self:
-        """The same for another process, which does not take it when its code has changed."""
-        return replace(self, described=None)
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"described": None}
 
 
 def _run(spec: Code) -> Problem:
@@ -248,7 +248,7 @@ def _unpacked(spec: Code) -> Iterator[Code]:
 
 def _described(spec: Code, reading: str | None = None, timeout: float | None = None) -> Problem:
     try:
-        problem: Problem = apart.call(_description, (spec.pinned(),), timeout, owner=reading)
+        problem: Problem = apart.call(_description, (spec,), timeout, owner=reading)
     except apart.ApartError as error:
         raise ProblemError(f"{spec.named}: cannot be loaded: {error}") from None
     return problem
@@ -407,23 +407,17 @@ def with_problem(
     """
     if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
-    request = (spec.pinned(), function, arguments)
-    result: _Result = apart.call(loaded_with, request, timeout, spec.reading or None)
+    request = (spec, function, arguments)
+    result: _Result = apart.call(_loaded_with, request, timeout, spec.reading or None)
     return result
 
 
-def loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
-    """What a function returns of user code, for which the code runs here."""
+def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
     return function(spec.load(), *arguments)
-
-
-def pinned(spec: ProblemSpec) -> ProblemSpec:
-    """The same problem for another process; see `Code.pinned`."""
-    return spec.pinned() if isinstance(spec, Code) else spec
 
 
 def portable(spec: ProblemSpec) -> ProblemSpec:
     """The same problem for another machine: what its files said when it was read."""
     if isinstance(spec, Code):
-        return replace(spec, files=tuple(spec.load().sources.items()), described=None)
+        return replace(spec, files=tuple(spec.load().sources.items()))
     return spec

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code, pinned
+from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code
 from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
@@ -150,7 +150,7 @@ def local(
         return done
 
     code = {name: task for name, task in tasks.items() if is_code(task.cell.problem)}
-    own = _together({n: task.of(pinned(task.cell.problem)) for n, task in code.items()})
+    own = _together(code)
     threads = ThreadPoolExecutor(max_workers=jobs)
     waiting = ThreadPoolExecutor(max_workers=max(min(jobs, len(own)), 1))
     futures: dict[Future[Done], int] = {}

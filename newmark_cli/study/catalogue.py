@@ -32,8 +32,9 @@ def sections() -> dict[str, dict[str, str]]:
 
 
 def _problem(name: str) -> str:
-    about = registry.about(name)
-    return f"{about.title}: {about.description}; n = {about.n}, m = {about.m}"
+    data = documents.read(registry.file(name)).data
+    n, m = registry.size(data)
+    return f"{data['title']}: {data['description']}; n = {n}, m = {m}"
 
 
 def _family(family: Family) -> str:

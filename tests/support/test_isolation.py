@@ -7,7 +7,7 @@ import pytest
 from command_line import CommandLine
 from conftest import SWING
 
-from newmark_cli.mechanisms.spec import PythonFactory, pinned, portable, with_problem
+from newmark_cli.mechanisms.spec import PythonFactory, portable, with_problem
 
 #: What a problem may do to the process that it runs in, in a line of Python.
 HARM = {"patches": "np.median = lambda values: 42.0", "folder": "os.chdir('/')"}
@@ -159,7 +159,7 @@ def test_no_code_runs_here(tmp_path):
     assert not hasattr(os, "changed")
     assert (problem.n, problem.m, problem.compiled) == (2, 1, False)
     assert problem.sources == {"mine.py": file.read_bytes()}
-    for one in (spec, pinned(spec), portable(spec)):
+    for one in (spec, portable(spec)):
         problem = one.load()
         with pytest.raises(RuntimeError, match="only runs in separate processes"):
             problem.evaluate(0.0, problem.u0, problem.v0, problem.u0[:1])
