@@ -9,7 +9,7 @@ cell apart), besides the code that gives it a meaning.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from functools import cache
 from itertools import product
@@ -19,18 +19,29 @@ from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import (
     CONSISTENT,
     CONSTRAINTS,
+    METHODS,
     NEWTON,
+    PROJECTIONS,
+    REPORTED,
+    STARTS,
     UNPROJECTED,
     Formulation,
     Projection,
     is_formulated,
     reported,
 )
-from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Integrator, Newmark
+from newmark_cli.newmark.integrator import (
+    AUXILIARY,
+    INTEGRATORS,
+    RESCALE_VELOCITY,
+    TRAPEZOIDAL_NAME,
+    Integrator,
+    Newmark,
+)
 from newmark_cli.newmark.kept import Kept
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, Krylov, choose
-from newmark_cli.newmark.scaling import Preconditioning, canonical
-from newmark_cli.newmark.scheme import DIRECT, Tolerance
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, LINEAR_SOLVERS, Krylov, choose
+from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, canonical
+from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
 
 if TYPE_CHECKING:
@@ -54,6 +65,9 @@ class Axis:
         usual: Value that goes without saying in texts, and that a CSV has which lacks
             the column; None where there is no such value.
         same: What all spellings of one value in a CSV have in common.
+        names: Values that have a name; others are written out.
+        text: A value, as CSVs have it, as legends and titles have it.
+        also: What else a value may be called, where one is typed.
         column: Whether CSVs have a column of its name.
         series: Whether it tells series apart.
         cell: Whether it tells cells of a study apart.
@@ -62,8 +76,8 @@ class Axis:
         since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
             brought it: columns are appended, never moved.
         config: What a config may give, as an annotation of pydantic, from the module
-            `newmark_cli.study.keys`, which those who read CSVs do without; None where the
-            key is not the config's.
+            `newmark_cli.study.keys`, which those who read CSVs do without; names, or a list of
+            them, if omitted.
         default: What a config that lacks the key means, or a function of the same module.
         about: What the key means, for JSON Schema and the docs.
         shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
@@ -77,6 +91,9 @@ class Axis:
     write: Callable[[Any], Any]
     usual: str | None = None
     same: Callable[[str], str] = str
+    names: Collection[str] = ()
+    text: Callable[[str], str] = str
+    also: Callable[[str], Collection[str]] = lambda value: ()
     column: bool = True
     series: bool = True
     cell: bool = True
@@ -96,6 +113,15 @@ class Axis:
         listed = getattr(case, self.name)
         for item in listed if self.many else (listed,):
             yield _labelled(self.value(item))
+
+    def named(self, word: str) -> str:
+        """One of the names, from what legends make of it; another word as it is."""
+        return next((name for name in self.names if self.text(name) == word), word)
+
+    def means(self, word: str, value: str) -> bool:
+        """Whether a word is a value that a CSV has, as CSVs or people write it."""
+        words = (value, self.text(value), *self.also(value)) if value else ()
+        return word in words or (value != "" and self.same(word) == value)
 
 
 def axis(
@@ -138,12 +164,58 @@ def _labelled(value: Any) -> Any:
     return getattr(value, "label", value)
 
 
+# -- values in words --------------------------------------------------------------------------
+
+_METHODS = {
+    "newmark": "Newmark",
+    "generalized-alpha": "generalized-α",
+    "hht": "HHT",
+    "bdf1": "BDF1",
+    "bdf2": "BDF2",
+}
+_PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
+_MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
+#: Symbols of quantities.
+SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
+
+
+def _integrator_text(label: str) -> str:
+    if label == TRAPEZOIDAL:
+        return TRAPEZOIDAL_NAME
+    method, *parameters = label.split()
+    pairs = (part.partition("=") for part in parameters)
+    texts = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
+    return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
+
+
+def _form_text(form: str) -> str:
+    return f"({', '.join('λ' if part == 'lambda' else part for part in form.split('-'))}) form"
+
+
+def _projection_text(label: str) -> str:
+    method, _, rest = label.partition(" ")
+    named = "no projection" if method == "none" else f"{method} projection"
+    return named + (f" with {rest}" if rest else "")
+
+
+def _measure_text(measure: str) -> str:
+    return measure.replace("_", " ").replace("work-precision", "work and precision")
+
+
+def _measures_of(record: str) -> list[str]:
+    """Measures that give rows of a kind."""
+    from newmark_cli.study.measures import MEASURES
+
+    return [name for name, of in MEASURES.items() if record in (row.name for row in of.records)]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Cell:
     """One cell's computation; steps = 0 measures at the consistent initial state."""
 
     problem: "ProblemSpec" = axis(
         since=(0, 1),
+        text=lambda label: re.sub(r"\.ya?ml$", "", label),
         config=lambda keys: keys.Problems,
         about="name of a problem, mechanism file, family with its size, Python factory, or a list",
         shows="the problem, as the config names it",
@@ -151,6 +223,9 @@ class Cell:
     integrator: Integrator = axis(
         usual=TRAPEZOIDAL,
         since=(0, 1),
+        names=(*INTEGRATORS, TRAPEZOIDAL_NAME),
+        text=_integrator_text,
+        also=lambda label: label.split()[:1],
         config=lambda keys: keys.Integrators,
         default="newmark",
         about="an integrator or a list; default: trapezoidal",
@@ -159,7 +234,8 @@ class Cell:
     form: str = axis(
         since=(0, 0),
         inner=True,
-        config=lambda keys: keys.Forms,
+        names=FORMS,
+        text=_form_text,
         about="name of a form, or a list",
         shows="the form, by the unknowns that it keeps",
     )
@@ -167,6 +243,8 @@ class Cell:
         same=cache(canonical),
         since=(0, 0),
         inner=True,
+        names=VARIANTS,
+        text=lambda label: label.partition("[")[0],
         config=lambda keys: keys.Variants,
         about="variant, scaling of your own, or a list",
         shows="variant, or a scaling of your own with its factors: "
@@ -176,14 +254,14 @@ class Cell:
     evaluation: str = axis(
         initial=DIRECT,
         since=(0, 2),
-        config=lambda keys: keys.Evaluations,
+        names=EVALUATIONS,
         about="in the unknowns themselves, or in compensated increments",
         shows="how residuals are evaluated: `direct` or `compensated`",
     )
     precision: str = axis(
         initial="float64",
         since=(0, 2),
-        config=lambda keys: keys.Precisions,
+        names=PRECISIONS,
         about="arithmetic of the march",
     )
     linear_solver: str = axis(
@@ -192,6 +270,8 @@ class Cell:
         usual=DENSE,
         initial=AUTO,
         since=(0, 2),
+        names=LINEAR_SOLVERS,
+        also=lambda label: (AUTO,),
         config=lambda keys: keys.LinearSolvers,
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
@@ -201,6 +281,7 @@ class Cell:
     formulation: Formulation = axis(
         initial=CONSTRAINTS,
         since=(4, 4),
+        names=METHODS,
         config=lambda keys: keys.Formulations,
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
@@ -208,6 +289,8 @@ class Cell:
     projection: Projection = axis(
         initial=UNPROJECTED,
         since=(4, 4),
+        names=PROJECTIONS,
+        text=_projection_text,
         config=lambda keys: keys.Projections,
         about="what is projected after each step, a name or a mapping, or a list",
         shows="what is projected after each step",
@@ -217,6 +300,9 @@ class Cell:
         usual=NEWTON,
         initial=AUTO,
         since=(4, 4),
+        names=REPORTED,
+        text=lambda label: _MULTIPLIERS.get(label, label),
+        also=lambda label: (AUTO,),
         config=lambda keys: keys.Reported,
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
@@ -224,7 +310,8 @@ class Cell:
     start: str = axis(
         initial=CONSISTENT,
         since=(4, 4),
-        config=lambda keys: keys.Starts,
+        names=STARTS,
+        text=lambda label: f"{label} start",
         about="velocities that the march starts from",
     )
     stop: Tolerance | None = axis(
@@ -233,6 +320,9 @@ class Cell:
         initial=None,
         since=(2, 2),
         many=False,
+        text=lambda label: (
+            f"tolerance {label}" if label.startswith(("absolute", "relative")) else label
+        ),
         config=lambda keys: keys.Stop,
         about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
         "field, or on the residual; default: where rounding stops it",
@@ -253,7 +343,7 @@ class Cell:
         initial=RESCALE_VELOCITY,
         since=(6, 4),
         rare=True,
-        config=lambda keys: keys.Auxiliary,
+        names=AUXILIARY,
         about="what becomes of the integrator's past where the step size changes",
     )
     h: float = axis(
@@ -367,11 +457,17 @@ class RowAxes:
         since=(0, 0),
         cell=False,
         computed=False,
+        text=lambda name: SYMBOLS.get(name, name),
         shows="what the row is about: `u`, `v`, `a`, `lambda`, `eta`, `jacobian`, `newton`, or the "
         "name of an invariant or an output",
     )
     measure: str = axis(
-        since=(0, 0), cell=False, computed=False, shows="what was measured, see the measures"
+        since=(0, 0),
+        cell=False,
+        computed=False,
+        text=_measure_text,
+        also=_measures_of,
+        shows="what was measured, see the measures",
     )
     role: str = axis(
         since=(0, 0),
@@ -388,6 +484,7 @@ class RowAxes:
         cell=False,
         computed=False,
         initial="",
+        text=lambda row: f"row {row} perturbed",
         shows="perturbed row `D`, `V`, `K` or `C` of a sensitivity; empty otherwise",
     )
 
@@ -401,6 +498,7 @@ STUDY = Axis(
 INITIAL = Axis(
     "initial", "start", lambda steps: "start" if steps == 0 else "", usual="", column=False,
     cell=False, computed=False,
+    text=lambda value: "at the start" if value else "along the motion",
 )  # fmt: skip
 
 
@@ -427,6 +525,24 @@ def series_axes() -> tuple[Axis, ...]:
     """Axes that tell series apart."""
     every = (STUDY, *cell_axes(), *row_axes(), INITIAL)
     return tuple(axis for axis in every if axis.series)
+
+
+@cache
+def named(name: str) -> Axis:
+    """An axis of series by its name, or another name of it."""
+    usual = ALIASES.get(name, name)
+    return next(axis for axis in series_axes() if axis.name == usual)
+
+
+def value_text(axis: str, value: str) -> str:
+    """A value of an axis as legends and titles have it."""
+    return named(axis).text(value)
+
+
+@cache
+def means(axis: str, word: str, value: str) -> bool:
+    """See `Axis.means`."""
+    return named(axis).means(word, value)
 
 
 def labels(cell: Cell) -> dict[str, Any]:
@@ -536,23 +652,6 @@ class SeriesKey:
 
 #: Another name of an axis, where one is typed.
 ALIASES = {"scaling": "preconditioning"}
-
-
-def in_words(axis: str, value: str) -> str:
-    """A value as legends have it: with its axis, where it says little without."""
-    if axis == "form":
-        return f"({', '.join('λ' if part == 'lambda' else part for part in value.split('-'))}) form"
-    if axis == "projection":
-        method, _, rest = value.partition(" ")
-        named = "no projection" if method == "none" else f"{method} projection"
-        return named + (f" with {rest}" if rest else "")
-    if axis == "multipliers":
-        return {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}.get(
-            value, value
-        )
-    if axis == "stop":
-        return f"tolerance {value}" if value.startswith(("absolute", "relative")) else value
-    return f"{value} start" if axis == "start" else value
 
 
 def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:

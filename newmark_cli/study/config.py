@@ -254,9 +254,8 @@ def _dividing(t_end: float, steps: int) -> str:
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
-    assert axis.config is not None
     default = axis.default(keys) if callable(axis.default) else axis.default
-    return axis.config(keys), Field(default, description=axis.about, validate_default=axis.many)
+    return keys.annotation(axis), Field(default, description=axis.about, validate_default=axis.many)
 
 
 if TYPE_CHECKING:

@@ -21,7 +21,6 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli.newmark.linear.choice import AUTO
 from newmark_cli.study import axes, drawing, keys
 from newmark_cli.study.axes import Axis, SeriesKey
 from newmark_cli.study.cell import STATUSES
@@ -84,13 +83,6 @@ def _is_of_the_past(entry: Any) -> bool:
     return any(isinstance(value, str) and value in RETIRED for value in about)
 
 
-def _means(axis: str, word: str, value: str) -> bool:
-    """Whether a word of an expectation is a value; `auto` stands for whatever was chosen."""
-    if axis == "preconditioning":
-        return word in (value, value.partition("[")[0])  # one's own scalings go by their names
-    return word in (value, AUTO) and (word == value or axis in ("linear_solver", "multipliers"))
-
-
 def choice_of(entry: Any) -> dict[str, tuple[str, ...]]:
     """Axis → values of an entry that chooses series, spelled as in CSVs."""
     axis_names = (*drawing.COMPARABLE, "initial")
@@ -120,7 +112,7 @@ class _Rules(RuledModel):
     def matches(self, key: SeriesKey) -> bool:
         """Whether it is about a series."""
         return key.measure == self.measure and all(
-            any(_means(axis, word, getattr(key, axis)) for word in words)
+            any(axes.means(axis, word, getattr(key, axis)) for word in words)
             for axis, words in choice_of(self).items()
         )
 
@@ -166,8 +158,7 @@ def optional(kind: Any, about: str) -> tuple[Any, Any]:
 
 def chosen(axis: Axis) -> tuple[Any, Any]:
     """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
-    assert axis.config is not None
-    annotation = axis.config(keys)
+    annotation = keys.annotation(axis)
     # Of `OneOrMore[Item]`, or of `Item | None`.
     inner = get_args(annotation)
     item = (

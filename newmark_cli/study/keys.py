@@ -1,6 +1,7 @@
 """Types of the keys of a study config, which pydantic checks."""
 
 import re
+import sys
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -38,18 +39,15 @@ from newmark_cli.mechanisms.spec import (
     with_ending,
 )
 from newmark_cli.newmark import steps
-from newmark_cli.newmark.forms import FORMS, INDEX_3, ROWS
+from newmark_cli.newmark.forms import INDEX_3, ROWS
 from newmark_cli.newmark.formulation import (
     METHODS,
     PROJECTIONS,
     REPORTED,
-    STARTS,
-    UNPROJECTED,
     Formulation,
     Projection,
 )
 from newmark_cli.newmark.integrator import (
-    AUXILIARY,
     FIELDS,
     INTEGRATORS,
     TRAPEZOIDAL_NAME,
@@ -64,14 +62,12 @@ from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
     BY_FIELD,
     CORRECTION,
-    EVALUATIONS,
-    PRECISIONS,
     RESIDUAL,
     Tolerance,
 )
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
-from newmark_cli.study import drawing, tabulating
-from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, in_words
+from newmark_cli.study import axes, drawing, tabulating
+from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, Axis
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.measures import MEASURES, RECORDED
 from newmark_cli.support import documents
@@ -124,13 +120,13 @@ OneOrMore = Annotated[
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Known:
-    """One of the names of a registry."""
+    """One of some names, or what legends make of it as a value of an axis."""
 
     kind: str
-    allowed: tuple[str, ...]
-    axis: str = ""  #: whose words for its values are names, too
+    allowed: Collection[str]
+    axis: Axis | None = None
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -143,8 +139,7 @@ class _Known:
         return {"type": "string", "enum": list(self.allowed)}
 
     def _check(self, name: str) -> str:
-        if name not in self.allowed and self.axis:
-            name = next((n for n in self.allowed if in_words(self.axis, n) == name), name)
+        name = self.axis.named(name) if self.axis else name
         if name not in self.allowed:
             raise _unknown(self.kind, name, self.allowed)
         return name
@@ -152,20 +147,17 @@ class _Known:
 
 #: Key of a config → the names that are its values.
 _NAMES: Mapping[str, Collection[str]] = {
+    **{axis.name: axis.names for axis in axes.cell_axes()},
     "problem": (*PROBLEMS, *FAMILIES),
-    "integrator": (*INTEGRATORS, TRAPEZOIDAL_NAME),
-    "form": FORMS,
-    "preconditioning": VARIANTS,
-    "evaluation": EVALUATIONS,
-    "precision": PRECISIONS,
-    "linear_solver": LINEAR_SOLVERS,
-    "formulation": METHODS,
-    "projection": PROJECTIONS,
-    "multipliers": REPORTED,
-    "start": STARTS,
-    "auxiliary": AUXILIARY,
     "measure": MEASURES,
 }
+
+
+def annotation(axis: Axis) -> Any:
+    """What a config may give along an axis."""
+    if axis.config is not None:
+        return axis.config(sys.modules[__name__])
+    return OneOrMore[Annotated[str, _Known(axis.title, axis.names, axis)]]  # type: ignore[misc]
 
 
 def _unknown(kind: str, value: Any, allowed: Iterable[str]) -> PydanticCustomError:
@@ -322,7 +314,7 @@ class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     METHODS = INTEGRATORS
-    method: Annotated[str, _Known("method", tuple(INTEGRATORS))] = "newmark"
+    method: Annotated[str, _Known("method", INTEGRATORS)] = "newmark"
     beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
     gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
     rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
@@ -380,7 +372,7 @@ class FormulationConfig(MethodConfig):
     """Which constraint rows are solved: a mapping, or text such as ``baumgarte rate=100``."""
 
     METHODS = METHODS
-    method: Annotated[str, _Known("formulation", tuple(METHODS))] = INDEX_3
+    method: Annotated[str, _Known("formulation", METHODS)] = INDEX_3
     rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
     rate_h: Positive | None = Field(
         None, description="α h of baumgarte, in place of rate: α grows as h falls"
@@ -415,11 +407,10 @@ class ProjectionConfig(MethodConfig):
     @classmethod
     def plain(cls, text: str) -> str:
         """A label from what tables and legends print of it."""
-        if text == in_words("projection", UNPROJECTED.label):
-            return UNPROJECTED.label
+        text = axes.named("projection").named(text)
         return text.replace(" projection", "").replace(" with ", " ")
 
-    method: Annotated[str, _Known("projection", tuple(PROJECTIONS))] = "none"
+    method: Annotated[str, _Known("projection", PROJECTIONS)] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
     )
@@ -777,10 +768,8 @@ Problems = OneOrMore[
 ]
 Variants = OneOrMore[Variant]
 StepSizes = OneOrMore[Positive]
-Forms = OneOrMore[Annotated[str, _Known("form", tuple(FORMS), "form")]]
-Measures = OneOrMore[Annotated[str, _Known("measure", tuple(MEASURES))]]
-Evaluations = OneOrMore[Annotated[str, _Known("evaluation", EVALUATIONS)]]
-Precisions = OneOrMore[Annotated[str, _Known("precision", tuple(PRECISIONS))]]
+Forms = annotation(axes.named("form"))
+Measures = OneOrMore[Annotated[str, _Known("measure", MEASURES)]]
 LinearSolvers = Annotated[
     OneOrMore[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)]], AfterValidator(_auto_alone)
 ]
@@ -788,17 +777,17 @@ Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERG
 Integrators = OneOrMore[IntegratorConfig]
 Formulations = OneOrMore[FormulationConfig]
 Projections = OneOrMore[ProjectionConfig]
-Reported = OneOrMore[Annotated[str, _Known("multipliers", (AUTO, *REPORTED), "multipliers")]]
+Reported = OneOrMore[
+    Annotated[str, _Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
+]
 Sequences = OneOrMore[SequenceConfig]
-Auxiliary = OneOrMore[Annotated[str, _Known("auxiliary", AUXILIARY, "auxiliary")]]
-Starts = OneOrMore[Annotated[str, _Known("start", tuple(STARTS), "start")]]
 
 
 #: Reads an alias of an axis as the axis.
 _ALIAS = BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis)
 Compared = OneOrMore[Annotated[str, _ALIAS, _Known("axis", drawing.COMPARABLE)]]
 Tabulated = OneOrMore[Annotated[str, _ALIAS, _Known("axis", tabulating.AXES)]]
-TableValues = OneOrMore[Annotated[str, _Known("value", tuple(tabulating.VALUES))]]
+TableValues = OneOrMore[Annotated[str, _Known("value", tabulating.VALUES)]]
 Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
 Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
 Recorded = Annotated[str, _Known("measure", RECORDED)]

@@ -29,7 +29,7 @@ from newmark_cli.newmark.scheme import COMPENSATED, Scheme
 from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
 from newmark_cli.newmark.steps import Change
 from newmark_cli.newmark.truncation import Marched
-from newmark_cli.study.axes import SATURATION, Cell, SeriesKey
+from newmark_cli.study.axes import SATURATION, Cell, SeriesKey, value_text
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.support.arrays import Array, IndexArray, Mask
 
@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     from newmark_cli.problems.problem import Outputs, Problem
     from newmark_cli.problems.reference import Reference
 
-#: Symbols of quantities in texts, and in labels of axes as mathtext has them.
-SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
+#: Symbols of quantities in labels of axes, as mathtext has them.
 _MATH = {
     "lambda": r"\lambda", "eta": r"\eta", ENERGY: "E", "omega": r"\omega",
 }  # fmt: skip
@@ -55,7 +54,7 @@ _MATH |= {word: rf"\mathrm{{{word}}}" for word in _WORDS}
 
 def symbol(quantity: str) -> str:
     """A quantity in the field's symbols."""
-    return SYMBOLS.get(quantity, quantity)
+    return value_text("quantity", quantity)
 
 
 def _math(quantity: str) -> str:

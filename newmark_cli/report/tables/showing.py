@@ -25,6 +25,8 @@ from newmark_cli.study.reading import named_studies, read_rows
 _CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]
 #: Axes in which the series of one table agree.
 _TABLE = ("study", "problem", "form", "measure", "quantity")
+#: Axes whose values tables have as CSVs do.
+_AS_LABELS = ("integrator", "preconditioning", "row_block", "initial")
 
 
 @dataclass(frozen=True)
@@ -149,12 +151,13 @@ def _names(slopes: Sequence[Slope]) -> tuple[list[str], list[list[str]]]:
     for axis in axes.series_axes():
         if axis.name in _TABLE:
             continue
-        values = [axes.in_words(axis.name, getattr(slope, axis.name)) for slope in slopes]
+        text = str if axis.name in _AS_LABELS else axis.text
+        values = [text(getattr(slope, axis.name)) for slope in slopes]
         labels = list(map(format_integrator, values))
         if len({*labels}) > 1:
             for name, value in zip(names, labels, strict=True):
                 name += [value] if value else []
-        elif labels[0] not in ("", axes.in_words(axis.name, axis.usual or ""), TRAPEZOIDAL_NAME):
+        elif labels[0] not in ("", text(axis.usual or ""), TRAPEZOIDAL_NAME):
             common += [f"at the {labels[0]}" if axis is axes.INITIAL else labels[0]]
     return common, [name or ["along the run"] for name in names] if len(slopes) > 1 else [["value"]]
 
