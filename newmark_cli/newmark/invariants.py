@@ -23,7 +23,7 @@ class Misfit(NamedTuple):
     """By how much a state misses an invariant, and what that is to be compared with.
 
     Sizes vanish where a motion turns.  What is reported is therefore the error over
-    the largest size along the motion: see `newmark_cli.study.measures.invariants`.
+    the largest size along the motion: see `newmark_cli.study.observers.invariants`.
     """
 
     errors: Array  #: (k,) with their signs; (1,) of the energy, (m,) of all others

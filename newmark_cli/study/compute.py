@@ -17,7 +17,8 @@ from newmark_cli.newmark.twins import spread, twins
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
-from newmark_cli.study.measures import MEASURES, Deviations, Observer
+from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.observers import OBSERVERS, Deviations, Observer
 from newmark_cli.support.arrays import IndexArray
 
 #: Seconds that a march is timed for in all, and most repetitions of a short one.
@@ -71,8 +72,9 @@ def compute(
     problem = cell.problem.load()
     grid = cell.grid(problem.t0)
     march = March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
-    measures = [measure for name, measure in MEASURES.items() if name in cell.measure]
-    observers = {m.name: m.observe(cell, march, reference) for m in measures}
+    observers = {
+        name: OBSERVERS[name](cell, march, reference) for name in MEASURES if name in cell.measure
+    }
     every = [*observers.values(), _Watch(march.problem, cell.steps)]
     counts, pivoted = _marched(march, cell.steps, every, on_steps)
     rows = {name: observer.measured() for name, observer in observers.items()}
@@ -106,12 +108,12 @@ def _by_twins(
     on_steps: Callable[[int], None],
 ) -> dict[str, list[Deviations]]:
     """Measure with twins → deviations of the march, then of each twin."""
-    twinned = {name: MEASURES[name] for name in observers if MEASURES[name].twins}
+    twinned = [name for name in observers if MEASURES[name].twins]
     deviations = {name: [observers[name].deviations] for name in twinned}
     problem, scheme = cell.problem.load(), scheme_of(cell)
     grid = cell.grid(problem.t0)
     for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov, grid):
-        of_twin = {name: m.observe(cell, twin, reference) for name, m in twinned.items()}
+        of_twin = {name: OBSERVERS[name](cell, twin, reference) for name in twinned}
         _marched(twin, cell.steps, [*of_twin.values()], on_steps)
         for name, observer in of_twin.items():
             deviations[name].append(observer.deviations)

@@ -38,7 +38,7 @@ from newmark_cli.study.axes import Axis, Cell
 from newmark_cli.study.expecting import Expectations
 from newmark_cli.study.figure_keys import Figures
 from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
-from newmark_cli.study.measures import MEASURES, TRAJECTORY, Measure
+from newmark_cli.study.measures import MEASURES, Measure
 from newmark_cli.study.table_keys import Tables
 from newmark_cli.support import documents
 from newmark_cli.support.documents import (
@@ -95,8 +95,8 @@ class _Rules(RuledModel):
                 return
         for at in self._combinations("integrator", "projection", "multipliers", "start"):
             yield from starmap(misfit, fitting.of_each_other(at))
-        if self.trajectory is not None and TRAJECTORY.name not in self.measure:
-            yield misfit("trajectory", f"needs 'measure: {TRAJECTORY.name}'")
+        if self.trajectory is not None and "trajectory" not in self.measure:
+            yield misfit("trajectory", "needs 'measure: trajectory'")
         yield from self._unfit()
 
     def _misfits_of_the_end(self, errors: bool) -> Iterator[PydanticCustomError]:
@@ -462,7 +462,7 @@ def _refuse_long_trajectories(document: Document, cases: Mapping[int, Case]) -> 
         key = next(key for key in ("trajectory", "cases", "measure") if key in document.data)
         raise document.error(
             (key,),
-            f"{TRAJECTORY.name} of {numbers} numbers in all cases, at most {_MOST_RECORDED}; "
+            f"trajectory of {numbers} numbers in all cases, at most {_MOST_RECORDED}; "
             "keep fewer steps, or less of each",
         )
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from newmark_cli.study import axes
-from newmark_cli.study.measures import ERROR, MEASURES, RECORDED, RECORDS
+from newmark_cli.study.measures import MEASURES, RECORDED, RECORDS
 
 #: Error against work: made from the rows of `error` and the operations in the record.
 WORK_PRECISION = "work-precision"
@@ -27,7 +27,7 @@ def kinds(name: str) -> tuple[str, ...]:
 def needed(name: str) -> tuple[str, ...]:
     """Measures of which a study needs one for one of `SHOWABLE`."""
     if name == WORK_PRECISION:
-        return (ERROR.name,)
+        return ("error",)
     return tuple(
         measure.name
         for measure in MEASURES.values()

@@ -17,7 +17,7 @@ from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.trajectory import Recorder
 from newmark_cli.problems import singular
 from newmark_cli.problems.problem import Problem
-from newmark_cli.study.measures import sample_steps
+from newmark_cli.study.observers import sample_steps
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
 

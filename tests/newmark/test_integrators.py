@@ -36,7 +36,7 @@ from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.report.judging.fits import power_law
-from newmark_cli.study.measures import corrections
+from newmark_cli.study.observers import corrections
 
 EVERY = each("integrator", INTEGRATORS)
 # Labels and parameters

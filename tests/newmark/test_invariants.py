@@ -13,7 +13,7 @@ from newmark_cli.newmark.invariants import INVARIANTS, Misfit, invariants
 from newmark_cli.newmark.march_data import State
 from newmark_cli.problems import python_problem
 from newmark_cli.problems.reference import Reference
-from newmark_cli.study import measures
+from newmark_cli.study import observers
 
 
 def state_of(subject, u, v, multipliers, t=0.0):
@@ -31,7 +31,7 @@ def consistent(subject, u, v, t=0.0):
 
 def relative(subject, samples):
     """Largest relative value of each invariant."""
-    return {name: abs(off).max() for name, off in measures.invariants(subject, samples).items()}
+    return {name: abs(off).max() for name, off in observers.invariants(subject, samples).items()}
 
 
 @each("t", [0.3, 3.0, 3.708, 9.5])
@@ -106,12 +106,12 @@ def test_errors_are_relative_in_the_max_norm():
         1.0, np.array([2.0, -4.0]), np.zeros(2), np.array([5.0]), np.array([10.0]), "exact", 0, 0, 0
     )
     state = state_of(None, np.array([2.0, -4.4]), np.zeros(2), [5.0 + 1e-9])
-    found = measures.errors(given, state)
+    found = observers.errors(given, state)
     assert list(found) == ["u", "v", "lambda"]
     assert found["u"] == pytest.approx(np.array([[0.0, -0.1]]))
     assert found["v"].tolist() == [[0, 0]]
     assert found["lambda"] == pytest.approx(np.array([[1e-10]]), rel=1e-6)
-    assert [off.shape for off in measures.errors(None, state).values()] == [(0, 1)] * 3
+    assert [off.shape for off in observers.errors(None, state).values()] == [(0, 1)] * 3
 
 
 SPRUNG = (

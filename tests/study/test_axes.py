@@ -132,34 +132,33 @@ REPEAT = (
 """,
 )
 
-#: A new measure: the largest speed along the way.  This entry is the whole of it.
+#: A new measure: the largest speed along the way.  These two entries are the whole of it.
 SPEED = (
     "newmark_cli.study.measures",
-    "def _by_name(*measures: Measure) -> Mapping[str, Measure]:\n",
+    "_MEASURES = (\n",
     """\
-class _Speed(Observer):
-    def __init__(self, cell, march, reference):
-        self.stops = _sampled(cell)
-        self._values = []
-
-    def sees(self, march):
-        self._values.append(float(np.abs(march.state.fields[1]).max()))
+_MEASURES = (
+    Measure(
+        "speed",
+        "largest speed along the way",
+        (Record("speed", lambda key: "max |v|", lambda key: "largest speed (m/s)", "max",
+                lambda key: 0.0, 0.1),),
+    ),
+""",
+)
+SEEN = (
+    "newmark_cli.study.observers",
+    "#: Measure → its observer.\n",
+    """\
+class _Speed(_Sampler):
+    def sample(self, march):
+        return float(np.abs(march.state.fields[1]).max())
 
     def measured(self):
-        return [Measurement("v", "speed", "primary", statistics(np.array(self._values)))]
+        return [Measurement("v", "speed", "primary", statistics(np.array(self.samples)))]
 
 
-SPEED = Measure(
-    "speed",
-    "largest speed along the way",
-    (Record("speed", lambda key: "max |v|", lambda key: "largest speed (m/s)", "max",
-            lambda key: 0.0, 0.1),),
-    _Speed,
-)
-
-
-def _by_name(*measures: Measure) -> Mapping[str, Measure]:
-    measures = (*measures, SPEED)
+MappingProxyType = lambda table: {**table, "speed": _Speed}
 """,
 )
 
@@ -203,7 +202,7 @@ def changed(tmp_path_factory, committed_folder):
         "measure, check": ("check", "--json", *at),
         "measure, all": ("check", "--all", *at),
     }
-    asked = json.dumps([[REPEAT, SPEED, SPREAD], [*commands.values()]])
+    asked = json.dumps([[REPEAT, SPEED, SEEN, SPREAD], [*commands.values()]])
     done = subprocess.run(
         [sys.executable, "-c", CHANGED, asked], cwd=folder, capture_output=True, text=True,
         env=os.environ | {"PYTHONPATH": str(Path(command_line.__file__).parent)},
@@ -240,8 +239,8 @@ def test_a_new_column_touches_one_file(changed):
     assert json.loads(printed["axis, older"][0])
 
 
-def test_a_new_measure_touches_one_file(cli, changed):
-    """Config, CSV, prediction and verdict follow from its record."""
+def test_a_new_measure_is_two_entries(cli, changed):
+    """Config, CSV, prediction and verdict follow from its record, values from its observer."""
     folder, printed = changed
     rows = rows_in(folder / "speed/quick.csv")
     assert {row["measure"] for row in rows} == {"speed"}

@@ -16,7 +16,7 @@ from newmark_cli.newmark.scaling import VARIANTS
 from newmark_cli.newmark.statistics import statistics
 from newmark_cli.report.judging import fits
 from newmark_cli.report.judging.fits import power_law
-from newmark_cli.study.measures import corrections, sample_steps
+from newmark_cli.study.observers import corrections, sample_steps
 
 norms = arrays(float, st.integers(1, 40), elements=st.floats(0, 1e300))
 

@@ -63,7 +63,7 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
         judged.append(state.copy())
         return {}
 
-    monkeypatch.setattr("newmark_cli.study.measures.errors", errors)
+    monkeypatch.setattr("newmark_cli.study.observers.errors", errors)
     (cell,) = config.load(path).cells()
     outcome = compute.compute(cell)
     table = trajectories.csv(trajectories.table("one", [cell], [outcome]))

@@ -80,9 +80,9 @@ def _recorded(power: float) -> Iterator[None]:
 @contextmanager
 def _conditions(power: float) -> Iterator[None]:
     """Condition numbers times a power of h."""
-    from newmark_cli.study.measures import CONDITION
+    from newmark_cli.study import compute, observers
 
-    observe = CONDITION.observe
+    observe = observers.OBSERVERS["condition"]
 
     class Changed:
         def __init__(self, cell: Any, inner: Any) -> None:
@@ -105,7 +105,7 @@ def _conditions(power: float) -> Iterator[None]:
     def changed(cell: Any, *arguments: Any) -> Any:
         return Changed(cell, observe(cell, *arguments))
 
-    with patch.dict(CONDITION.__dict__, observe=changed):
+    with patch.object(compute, "OBSERVERS", {**observers.OBSERVERS, "condition": changed}):
         yield
 
 

@@ -1,0 +1,511 @@
+"""Observers: what each measure sees of a march, and the rows that it makes of it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.newmark import perturbation
+from newmark_cli.newmark.floor import floor, unpredicted
+from newmark_cli.newmark.integrator import FIELDS
+from newmark_cli.newmark.invariants import Misfit, misfits
+from newmark_cli.newmark.invariants import invariants as sampled_invariants
+from newmark_cli.newmark.kept import DRIFT, ENERGY, KEPT, OUTPUT, Kept
+from newmark_cli.newmark.march import March, Stretch
+from newmark_cli.newmark.march_data import State
+from newmark_cli.newmark.scheme import Scheme
+from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
+from newmark_cli.newmark.steps import Change
+from newmark_cli.newmark.trajectory import Recorder, Trajectory
+from newmark_cli.newmark.twins import beside
+from newmark_cli.problems import reference as references
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.problems.multipliers import relative, weights, weights_at_start
+from newmark_cli.problems.problem import Outputs, Problem
+from newmark_cli.problems.reference import Reference
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.cell import DRIFTS
+from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, OF_TRAJECTORIES, WINDOW
+from newmark_cli.support.arrays import Array, IndexArray, Mask
+
+#: Quantity → (samples, k) by how much components of it are off at each sample, with their
+#: signs, in the unit of the row, whose statistics are those of the largest of each sample.
+Deviations = Mapping[str, Array]
+
+
+def _at_samples(samples: Mapping[str, Sequence[Array]]) -> Deviations:
+    """Deviations of quantities from their samples, of which there may be none."""
+    return {name: np.array(off) if off else np.zeros((0, 1)) for name, off in samples.items()}
+
+
+def _of_largest(measure: str, deviations: Deviations) -> list[Measurement]:
+    return [
+        Measurement(quantity, measure, "primary", statistics(np.abs(off).max(axis=1)))
+        for quantity, off in deviations.items()
+    ]
+
+
+class Observer:
+    """Watches the march of a cell; this one sees nothing.
+
+    Args:
+        cell: The cell.
+        march: Its march, or that of a twin.
+        reference: The solution at the end, of a measure that needs it.
+    """
+
+    stops: frozenset[int] = frozenset()  #: steps after which it wants to see the march
+    #: steps whose states the march is to record for it on the way, ascending. Only one measure may
+    #: have any: each takes all that a stretch has recorded.
+    looks: Sequence[int] = ()
+    reason: str = ""  #: why the march is to end where it stands; empty as long as it may go on
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        self.cell, self.march, self.problem, self.reference = cell, march, march.problem, reference
+
+    def took(self, stretch: Stretch) -> None:
+        """The march took these steps."""
+
+    def sees(self, march: March) -> None:
+        """The march stands at one of the stops, or at its start if it takes no steps."""
+
+    def measured(self) -> list[Measurement]:
+        """Rows of the CSV, once the march is over."""
+        return []
+
+    @property
+    def deviations(self) -> Deviations:
+        """What its rows are about, of a measure that twins march for."""
+        return {}
+
+    def unresolved(self, quantity: str) -> float:
+        """By how much what a quantity deviates from may be off itself."""
+        return 0.0
+
+    @property
+    def trajectory(self) -> Mapping[str, Array | IndexArray]:
+        """Column of the file of trajectories → (k,) values at the steps that were kept."""
+        return {}
+
+
+def sample_steps(steps: int, samples: int) -> IndexArray:
+    """Up to ``samples`` evenly spread steps, counted from 1, the last among them."""
+    return np.unique(np.round(np.linspace(0, steps, min(steps, samples) + 1)[1:]).astype(np.int64))
+
+
+class _Sampler(Observer):
+    """Sees the march at evenly spread steps."""
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        super().__init__(cell, march, reference)
+        self.stops = frozenset(sample_steps(cell.steps, cell.samples).tolist())
+        self.samples: list[Any] = []
+
+    def sees(self, march: March) -> None:
+        self.samples.append(self.sample(march))
+
+    def sample(self, march: March) -> Any:
+        """What it notes of the march where it stands."""
+        raise NotImplementedError
+
+
+def _rows_of_corrections(scheme: Scheme) -> list[tuple[str, str, str]]:
+    """Measure, quantity and role of each row that a march has of its corrections."""
+    form, roles = scheme.form, dict.fromkeys(scheme.form.eliminated, "recovered")
+    return [
+        *(("correction", unknown, "primary") for unknown in form.unknowns),
+        *(
+            ("physical_correction", quantity, roles.get(quantity, "primary"))
+            for quantity in (*FIELDS, *form.multipliers)
+        ),
+    ]
+
+
+class _Corrections(Observer):
+    """The last decreasing corrections of each step."""
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        super().__init__(cell, march, reference)
+        self._norms = [np.zeros((0, len(march.scheme.recorded)))]
+        self._iterations = [np.zeros(0, np.int64)]
+
+    def took(self, stretch: Stretch) -> None:
+        self._norms.append(stretch.norms)
+        self._iterations.append(stretch.iterations)
+
+    def measured(self) -> list[Measurement]:
+        norms, iterations = np.concatenate(self._norms), np.concatenate(self._iterations)
+        return corrections(self.march.schemes.base, norms, iterations, self._physical(norms))
+
+    def _physical(self, norms: Array) -> Mapping[str, Array]:
+        """`physical_norms`, by the scheme of each step."""
+        schemes, grid = self.march.schemes, self.march.grid
+        if not grid.varies:
+            return physical_norms(schemes.base, norms)
+        kinds, which = np.unique(grid.kinds(np.arange(1, len(norms) + 1)), return_inverse=True)
+        physical: dict[str, Array] = {}
+        for number, kind in enumerate(kinds.tolist()):
+            of_kind = physical_norms(schemes.of_kind(kind), norms[which == number])
+            for name, values in of_kind.items():
+                physical.setdefault(name, np.empty(len(norms)))[which == number] = values
+        return physical
+
+
+def physical_norms(scheme: Scheme, norms: Array) -> dict[str, Array]:
+    """Norms of corrections in physical units: D_R times the scaled ones.
+
+    An eliminated field's follows from the weights of the form, one kept field each.  Norms are
+    (steps, k), of the blocks that `Scheme.recorded` names.
+    """
+    form = scheme.form
+    right = dict(zip(form.unknowns, scheme.right, strict=True))
+    physical = {
+        name: right.get(name, 1.0) * of_block
+        for name, of_block in zip(scheme.recorded, norms.T, strict=True)
+    }
+    for eliminated in set(form.eliminated) - set(physical):
+        weights = np.abs(scheme.elimination.weights[FIELDS.index(eliminated)])
+        source = int(np.argmax(weights))
+        physical[eliminated] = weights[source] * physical[form.kept[source]]
+    return physical
+
+
+def corrections(
+    scheme: Scheme,
+    norms: Array,
+    iterations: IndexArray,
+    physical: Mapping[str, Array] | None = None,
+) -> list[Measurement]:
+    """Measurements of the recorded Newton corrections.
+
+    Norms are (steps, k), of the blocks that `Scheme.recorded` names, with their `physical_norms`
+    where the scheme is not that of all steps; steps with a negative count of iterations (steps,)
+    did not converge and are left out.
+    """
+    physical = physical_norms(scheme, norms) if physical is None else physical
+    counted = iterations > 0
+    scaled = dict(zip(scheme.recorded, norms.T, strict=True))
+    rows = []
+    for measure, quantity, role in _rows_of_corrections(scheme):
+        values = (scaled if measure == "correction" else physical)[quantity][counted]
+        of_steps = replace(statistics(values), rounding=standard_error(values))
+        rows.append(Measurement(quantity, measure, role, of_steps))
+    return rows
+
+
+class _Iterations(_Corrections):
+    """Newton's iterations in each step."""
+
+    def measured(self) -> list[Measurement]:
+        counts = np.abs(np.concatenate(self._iterations)) * 1.0
+        return [Measurement("newton", "tolerance", "primary", statistics(counts))]
+
+
+class _Conditions(_Sampler):
+    """Condition numbers of the scaled Jacobian."""
+
+    def sample(self, march: March) -> float:
+        return march.system.balanced(march.t, march.here).condition()
+
+    def measured(self) -> list[Measurement]:
+        values = statistics(np.array(self.samples))
+        return [Measurement("jacobian", "condition", "primary", values)]
+
+
+class _Sensitivities(_Sampler):
+    """Sensitivities at a state, and at one beside it: rounding alone tells these apart."""
+
+    def sample(self, march: March) -> tuple[dict[tuple[str, str], float], ...]:
+        here = march.here
+        return tuple(
+            perturbation.sensitivities(march.problem, march.scheme, march.t, state, march.system)
+            for state in (here, beside(here))
+        )
+
+    def measured(self) -> list[Measurement]:
+        measurements = []
+        for row, unknown in self.samples[0][0] if self.samples else ():
+            values, others = np.array(
+                [[of_state[row, unknown] for of_state in sample] for sample in self.samples]
+            ).T
+            rounding = float(np.median(np.abs(values - others)))
+            of_row = replace(statistics(values), rounding=rounding)
+            measurements.append(Measurement(unknown, "sensitivity", "primary", of_row, row))
+        return measurements
+
+
+class _Errors(Observer):
+    """Errors of the final state."""
+
+    deviations: Deviations = {}
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        super().__init__(cell, march, reference)
+        self.stops = frozenset((cell.steps,))
+
+    def sees(self, march: March) -> None:
+        self.deviations = errors(self.reference, march.seen, march.problem, march.t)
+
+    def unresolved(self, quantity: str) -> float:
+        return _error_of(self.reference, OF_OUTPUTS.get(quantity, quantity))
+
+    def measured(self) -> list[Measurement]:
+        return _of_largest("error", self.deviations)
+
+
+def _error_of(reference: Any, quantity: str) -> float:
+    """The error of a reference itself; 0 without one."""
+    name = {"lambda": "multipliers"}.get(quantity, quantity)
+    return float(getattr(reference, f"{name}_error", 0.0))
+
+
+def _groups(outputs: Outputs) -> dict[str, Mask]:
+    """Kind of output → (k,) mask of the outputs of that kind."""
+    names = [name.rpartition(".")[0].rpartition(".")[2] for name in outputs.names]
+    return {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
+
+
+def errors(
+    reference: Reference | None, state: State, problem: Problem | None = None, t: float = 0.0
+) -> Deviations:
+    """Errors of a final state, component by component, relative to the largest component.
+
+    Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.  Without a
+    reference there are none; of a problem with outputs there are errors of these, too.
+    """
+    off: dict[str, list[Array]] = {"u": [], "v": [], "lambda": []}
+    if problem is not None and problem.outputs is not None:
+        groups = _groups(problem.outputs)
+        off |= {kind: [] for kind in groups}
+        if reference is not None:
+            u, v = np.asarray(state.fields[:2], float)
+            multipliers = np.asarray(state.multipliers, float)
+            here = problem.outputs.values(problem, t, u, v, multipliers)
+            there = problem.outputs.values(
+                problem, t, reference.u, reference.v, reference.multipliers
+            )
+            for kind, of in groups.items():
+                size = float(np.abs(there[of]).max())
+                if kind == "moment":
+                    # Moments about axes that turn freely are rounding of those of forces.
+                    lever = problem.outputs.length(reference.u)
+                    size = max(lever * float(np.abs(there[groups["force"]]).max()), size)
+                off[kind].append(relative(here[of] - there[of], size))
+    if reference is not None:
+        fields = zip(state.fields[:2], (reference.u, reference.v), strict=True)
+        off["u"], off["v"] = (
+            [relative(here - there, float(np.abs(there).max()))] for here, there in fields
+        )
+        off["lambda"].append(relative(state.multipliers - reference.multipliers, reference.scales))
+    return _at_samples(off)
+
+
+class _Transients(Observer):
+    """Errors in a window after a change of the step size."""
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        super().__init__(cell, march, reference)
+        # A twin's problem begins elsewhere.
+        self._problem = cell.problem.load()
+        # Of changes that recur, those in the middle of the march.
+        of_all = cell.h_sequence.at if isinstance(cell.h_sequence, Change) else cell.t_end / 2
+        self._since = float(of_all)
+        first = march.grid.reaching(self._problem.t0 + self._since)
+        self.stops = frozenset(range(first + 1, min(first + WINDOW, cell.steps) + 1))
+        self._seen: list[tuple[float, Array, Array, Array]] = []
+
+    def sees(self, march: March) -> None:
+        u, v = np.asarray(march.here.fields[:2], float)
+        self._seen.append((march.t, u, v, march.multipliers))
+
+    @cached_property
+    def _exact(self) -> Any:
+        """The exact motion at those times; None if it cannot be computed."""
+        try:
+            return references.along(self._problem, self._since, [t for t, *_ in self._seen])
+        except references.NoReference:
+            return None
+
+    @cached_property
+    def deviations(self) -> Deviations:
+        names, problem = ("u", "v", "lambda"), self._problem
+        if self._exact is None or not self._seen:
+            return _at_samples({name: [] for name in names})
+        # Sizes where the window begins, which are those of any h, and at the start.
+        begin = self._exact.start
+        _, first = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
+        sizes = (
+            max(np.abs(begin.u).max(), np.abs(problem.u0).max()),
+            max(np.abs(begin.v).max(), np.abs(problem.v0).max()),
+            weights(problem, problem.t0 + self._since, begin.u).scales(
+                np.maximum(np.abs(begin.multipliers), np.abs(first))
+            ),
+        )
+        there = zip(*(state for _, *state in self._seen), strict=True)
+        exact = zip(*self._exact.states, strict=True)
+        return {
+            name: np.array(
+                [relative(ours - exact, size) for ours, exact in zip(here, true, strict=True)]
+            )
+            for name, here, true, size in zip(names, there, exact, sizes, strict=True)
+        }
+
+    def unresolved(self, quantity: str) -> float:
+        return _error_of(self._exact and self._exact.start, quantity)
+
+    def measured(self) -> list[Measurement]:
+        return _of_largest("transient", self.deviations)
+
+
+class _Invariants(_Sampler):
+    """Errors of what an exact motion keeps."""
+
+    def sample(self, march: March) -> dict[str, Misfit]:
+        return sampled_invariants(march.problem, march.t, march.seen)
+
+    @property
+    def deviations(self) -> Deviations:
+        return invariants(self.problem, self.samples)
+
+    def measured(self) -> list[Measurement]:
+        return _of_largest("invariant", self.deviations)
+
+
+def invariants(problem: Problem, samples: Sequence[Mapping[str, Misfit]]) -> Deviations:
+    """`newmark_cli.newmark.invariants` at the sampled states.
+
+    Each error is divided by the largest size among the samples; 0 where all vanish.
+    """
+    relative_errors = {}
+    for name in samples[0] if samples else ():
+        errors, sizes = (
+            np.array(values) for values in zip(*(s[name] for s in samples), strict=True)
+        )
+        largest = sizes.max(axis=0)
+        if name == "multiplier":
+            largest = weights_at_start(problem).scales(largest)
+        relative_errors[name] = relative(errors, largest)
+    return relative_errors
+
+
+class _KrylovSolves(Observer):
+    """Iterations and residuals of a Krylov solver, over all solves."""
+
+    def measured(self) -> list[Measurement]:
+        solver: Any = self.march.system
+        values = {"krylov_iterations": solver.iterations, "krylov_residual": solver.residuals}
+        return [
+            Measurement("jacobian", measure, "primary", statistics(np.array(of_solves, float)))
+            for measure, of_solves in values.items()
+        ]
+
+
+class _Trajectories(Observer):
+    """States of the steps that are kept."""
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        super().__init__(cell, march, reference)
+        kept = self._kept = cell.trajectory or Kept()
+        steps = kept.looks(march.grid, cell.steps)
+        wanted = {*kept.keep, *(("u", "v") if {ENERGY, DRIFT} & {*kept.keep} else ())}
+        if OUTPUT in kept.keep and march.problem.outputs is not None:
+            wanted |= {"u", "v", "lambda"}
+        self._recorder = Recorder(march, [name for name in KEPT if name in wanted], len(steps) + 1)
+        if steps and steps[0] == 0:
+            self._recorder.keep_here()
+            steps = steps[1:]
+        self.looks = steps
+
+    def took(self, stretch: Stretch) -> None:
+        self._recorder.took(stretch)
+
+    @cached_property
+    def _recorded(self) -> Trajectory:
+        if not self._kept.at:
+            self._recorder.keep_here()
+        return self._recorder.trajectory()
+
+    @cached_property
+    def _drifts(self) -> dict[str, Array]:
+        if DRIFT not in self._kept.keep:
+            return {}
+        recorded = self._recorded
+        states = zip(recorded.t.tolist(), recorded.u, recorded.v, strict=True)
+        missed = [misfits(self.problem, *state) for state in states]
+        return {name: np.array([of[name].error for of in missed]) for name in DRIFTS}
+
+    @property
+    def trajectory(self) -> Mapping[str, Array | IndexArray]:
+        recorded = self._recorded
+        drifts = {f"{DRIFT}[{name}]": values for name, values in self._drifts.items()}
+        return {"step": recorded.numbers} | recorded.columns(self._kept.keep) | drifts
+
+    def measured(self) -> list[Measurement]:
+        recorded = self._recorded
+        # The start is no step; where it is all that was kept, it has to do.
+        after = slice(1, None) if len(recorded.t) > 1 and recorded.numbers[0] == 0 else slice(None)
+        sizes = {name: recorded.arrays[name] for name in recorded.arrays if name in self._kept.keep}
+        if ENERGY in self._kept.keep and recorded.energy is not None:
+            sizes[ENERGY] = recorded.energy[:, None]
+        if OUTPUT in self._kept.keep and recorded.output_names:
+            sizes[OUTPUT] = recorded.outputs
+        sizes |= {name: values[:, None] for name, values in self._drifts.items()}
+        largest = {
+            name: np.abs(values[after]).max(axis=1, initial=0.0) for name, values in sizes.items()
+        }
+        if "lambda" in sizes:
+            largest["lambda"] = weights_at_start(self.problem).largest(sizes["lambda"][after])
+        return [
+            Measurement(name, "trajectory", "primary", statistics(largest[name]))
+            for name in OF_TRAJECTORIES
+            if name in largest
+        ]
+
+
+class _Floors(_Sampler):
+    """Expected sizes of the last corrections, from steps off by rounding."""
+
+    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
+        super().__init__(cell, march, reference)
+        self._converged = True
+        if unpredicted(march.scheme):
+            self.stops = frozenset()
+
+    def took(self, stretch: Stretch) -> None:
+        if len(stretch.iterations):
+            self._converged = bool(stretch.iterations[-1] > 0)
+
+    def sees(self, march: March) -> None:
+        # The state after a step that did not converge is no state of the motion.
+        if self._converged:
+            found = floor(march)
+            if not np.isnan(list(found.scaled.values())).any():
+                self.samples.append((found.scaled, found.physical))
+
+    def measured(self) -> list[Measurement]:
+        return [
+            Measurement(unknown, name, "primary", statistics(np.array(values)))
+            for k, name in enumerate(FLOOR_OF.values())
+            for unknown in self.march.scheme.form.unknowns
+            for values in ([at[k][unknown] for at in self.samples],)
+        ]
+
+
+#: Measure → its observer.
+OBSERVERS: Mapping[str, type[Observer]] = MappingProxyType(
+    {
+        "correction": _Corrections,
+        "condition": _Conditions,
+        "sensitivity": _Sensitivities,
+        "error": _Errors,
+        "invariant": _Invariants,
+        "krylov": _KrylovSolves,
+        "tolerance": _Iterations,
+        "trajectory": _Trajectories,
+        "floor": _Floors,
+        "transient": _Transients,
+    }
+)
