@@ -24,8 +24,7 @@ from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UND
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
 from newmark_cli.study.axes import TRAPEZOIDAL, SeriesKey
-from newmark_cli.study.expecting import ExpectConfig
-from newmark_cli.study.figure_keys import FigureConfig
+from newmark_cli.study.entries import ExpectConfig, FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDED
 from newmark_cli.study.reading import study_files
 from newmark_cli.support import documents

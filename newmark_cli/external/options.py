@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from pydantic import Field, RootModel
 
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.expecting import ExpectConfig
-from newmark_cli.study.keys import OneLine, Recorded
+from newmark_cli.study.entries import ExpectConfig, Recorded
+from newmark_cli.study.kinds import OneLine
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, StrictModel
 

@@ -13,7 +13,7 @@ from newmark_cli.report.reading import records
 from newmark_cli.study import axes, config, reading, results
 from newmark_cli.study import trajectories as kept
 from newmark_cli.study.config import Study
-from newmark_cli.study.keys import Surroundings
+from newmark_cli.study.subjects import Surroundings
 from newmark_cli.support import files
 from newmark_cli.support.documents import Document
 from newmark_cli.support.errors import ArgumentError, ExecutorError, InputError

@@ -32,14 +32,13 @@ from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.problems.problem import Problem, is_beyond
-from newmark_cli.study import axes, drawing, fitting, keys
+from newmark_cli.study import axes, fitting, keys, showable
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Axis, Cell
-from newmark_cli.study.expecting import Expectations
-from newmark_cli.study.figure_keys import Figures
-from newmark_cli.study.keys import MOST_STEPS, Name, Surroundings, problem_of
+from newmark_cli.study.entries import Expectations, Figures, Tables
+from newmark_cli.study.kinds import MOST_STEPS, Name
 from newmark_cli.study.measures import MEASURES, Measure
-from newmark_cli.study.table_keys import Tables
+from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import (
     Document,
@@ -501,7 +500,7 @@ def _require_shown(document: Document, study: Study) -> None:
     for (kind, i, model), key in product(shown, known):
         value = getattr(model, key) or ()
         for name in (value,) if isinstance(value, str) else value:
-            needed = drawing.needed(name) if key == "measure" else ()
+            needed = showable.needed(name) if key == "measure" else ()
             if name not in known[key] and not set(needed) & set(known[key]):
                 near = nearest(name, known[key])
                 text = f"{name!r} is not among the study's{near}"

@@ -1,45 +1,22 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-import re
 import sys
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from pathlib import Path
+from collections.abc import Collection, Iterable, Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
-    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     PlainSerializer,
     Strict,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-    WrapValidator,
     model_validator,
 )
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spec import (
-    ForcedMechanism,
-    MechanismFile,
-    ProblemSpec,
-    PythonFactory,
-    Shipped,
-    Sized,
-    inline,
-    name_and_arguments,
-    with_ending,
-)
 from newmark_cli.newmark import steps
-from newmark_cli.newmark.forms import INDEX_3, ROWS
+from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import (
     METHODS,
     PROJECTIONS,
@@ -66,121 +43,33 @@ from newmark_cli.newmark.scheme import (
     Tolerance,
 )
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
-from newmark_cli.study import axes, drawing, tabulating
-from newmark_cli.study.axes import ALIASES, SATURATION, STUDY_NAME, Axis
+from newmark_cli.study import axes
+from newmark_cli.study.axes import SATURATION, Axis
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
-from newmark_cli.study.measures import MEASURES, RECORDED
+from newmark_cli.study.kinds import (
+    MOST_STEPS,
+    Count,
+    Factor,
+    Known,
+    Name,
+    OneOrMore,
+    Positive,
+    StepCount,
+    unknown,
+)
+from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.subjects import problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
-from newmark_cli.support.errors import InputError
-from newmark_cli.support.json_schema import JsonSchema, Shown, also
+from newmark_cli.support.json_schema import JsonSchema, Shown
 from newmark_cli.support.spelling import closest
-
-_RESERVED = ("slopes",)
-MOST_STEPS = 20_000_000
-# More is a slip of the finger, and would keep `validate` busy.
-_MOST_ITEMS = 1_000
-# Every row of the CSV has the problem's name, which is file, function and arguments.
-_LONGEST_LABEL = 2_000
-# From the beginning to the end of the text: $ would allow a line end behind it.
-_LINE = r"^[^\x00-\x1f\x7f]{1,200}(?![\s\S])"
-
-
-def _one_or_more(
-    value: Any, validate: Callable[[Any], tuple[Any, ...]], info: ValidationInfo
-) -> tuple[Any, ...]:
-    """A value or a list of values, each once."""
-    items = value if isinstance(value, list) else [value]
-    if len(items) > _MOST_ITEMS:
-        raise ValueError(f"at most {_MOST_ITEMS} values, given {len(items)}")
-    try:
-        values = validate(items)
-    except ValidationError:
-        # Not before: the name of a file may have a comma in it.
-        documents.require_brackets(value, info)
-        raise
-    seen = set()
-    for item in values:
-        # A scaling of one's own has no hash.
-        if repr(item) in seen:
-            name = getattr(item, "label", getattr(item, "name", item))
-            raise ValueError(f"given twice: {name}")
-        seen.add(repr(item))
-    return values
-
-
-def _written_once_or_more(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
-    several = handler(schema) | {"maxItems": _MOST_ITEMS, "uniqueItems": True}
-    return {"anyOf": [several["items"], several]}
-
-
-Item = TypeVar("Item")
-OneOrMore = Annotated[
-    tuple[Item, ...], Field(min_length=1), WrapValidator(_one_or_more), Shown(_written_once_or_more)
-]
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """One of some names, or what legends make of it as a value of an axis."""
-
-    kind: str
-    allowed: Collection[str]
-    axis: Axis | None = None
-
-    def __get_pydantic_core_schema__(
-        self, source: Any, handler: GetCoreSchemaHandler
-    ) -> CoreSchema:
-        return core_schema.no_info_after_validator_function(self._check, handler(source))
-
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchema:
-        return {"type": "string", "enum": list(self.allowed)}
-
-    def _check(self, name: str) -> str:
-        name = self.axis.named(name) if self.axis else name
-        if name not in self.allowed:
-            raise _unknown(self.kind, name, self.allowed)
-        return name
-
-
-#: Key of a config → the names that are its values.
-_NAMES: Mapping[str, Collection[str]] = {
-    **{axis.name: axis.names for axis in axes.cell_axes()},
-    "problem": (*PROBLEMS, *FAMILIES),
-    "measure": MEASURES,
-}
 
 
 def annotation(axis: Axis) -> Any:
     """What a config may give along an axis."""
     if axis.config is not None:
         return axis.config(sys.modules[__name__])
-    return OneOrMore[Annotated[str, _Known(axis.title, axis.names, axis)]]  # type: ignore[misc]
-
-
-def _unknown(kind: str, value: Any, allowed: Iterable[str]) -> PydanticCustomError:
-    """Error of a name that is not allowed; says which keys it is a value of."""
-    keys = [key for key, names in _NAMES.items() if isinstance(value, str) and value in names]
-    remark = f", which is a value of the key {' or '.join(keys)}" if keys else ""
-    return documents.unknown_name(kind, value, allowed, remark)
-
-
-def _name(text: str) -> str:
-    if not STUDY_NAME.fullmatch(text):
-        raise ValueError("must be a name of letters, digits, '.', '_' and '-'")
-    if text in _RESERVED:
-        raise ValueError("is the name of a file that 'check' writes; take another name")
-    return text
-
-
-Positive = Annotated[Number, Field(gt=0)]
-Count = Annotated[int, Strict(), Field(ge=1, le=10_000), WHOLE]
-TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
-StepCount = Annotated[int, Strict(), Field(ge=0, le=MOST_STEPS), WHOLE]
-Name = Annotated[str, AfterValidator(_name)]
-Factor = str | Annotated[int, Strict()] | Number
+    return OneOrMore[Annotated[str, Known(axis.title, axis.names, axis)]]  # type: ignore[misc]
 
 
 class Valued(StrictModel):
@@ -314,7 +203,7 @@ class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     METHODS = INTEGRATORS
-    method: Annotated[str, _Known("method", INTEGRATORS)] = "newmark"
+    method: Annotated[str, Known("method", INTEGRATORS)] = "newmark"
     beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
     gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
     rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
@@ -372,7 +261,7 @@ class FormulationConfig(MethodConfig):
     """Which constraint rows are solved: a mapping, or text such as ``baumgarte rate=100``."""
 
     METHODS = METHODS
-    method: Annotated[str, _Known("formulation", METHODS)] = INDEX_3
+    method: Annotated[str, Known("formulation", METHODS)] = INDEX_3
     rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
     rate_h: Positive | None = Field(
         None, description="α h of baumgarte, in place of rate: α grows as h falls"
@@ -410,7 +299,7 @@ class ProjectionConfig(MethodConfig):
         text = axes.named("projection").named(text)
         return text.replace(" projection", "").replace(" with ", " ")
 
-    method: Annotated[str, _Known("projection", PROJECTIONS)] = "none"
+    method: Annotated[str, Known("projection", PROJECTIONS)] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
     )
@@ -513,7 +402,7 @@ class StopConfig(Valued):
     by field on what a correction changes, each field with parts of its own.
     """
 
-    test: Annotated[str, _Known("test", (CORRECTION, RESIDUAL))] | None = Field(
+    test: Annotated[str, Known("test", (CORRECTION, RESIDUAL))] | None = Field(
         None, description="what is looked at, if not single fields; default: correction"
     )
     absolute: Positive | None = Field(None, description="bound of what is looked at")
@@ -602,128 +491,8 @@ def _preconditioning(value: Any) -> Any:
     if isinstance(value, dict):
         return OwnScaling.model_validate(value)
     if not isinstance(value, str) or value not in VARIANTS:
-        raise _unknown("preconditioning", value, VARIANTS)
+        raise unknown("preconditioning", value, VARIANTS)
     return value
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """Context on which a config's meaning depends besides its text.
-
-    Attributes:
-        folder: Where files that it names are looked for.
-        allow_code: Whether problems in Python may be loaded.
-        timeout: Most wall time of loading one (s).
-        problems: Those of the document that were read, by how it names them, None for one
-            whose mistakes are reported already: what their files said then holds for all of it.
-    """
-
-    folder: Path = Path()
-    allow_code: bool = False
-    timeout: float | None = None
-    problems: dict[Hashable, ProblemSpec | None] = field(default_factory=dict, compare=False)
-
-
-def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
-    """The problem that a config names; `Surroundings` are the context of the validation."""
-    around = info.context or Surroundings()
-    if isinstance(value, ProblemSpec):
-        return value
-    if isinstance(value, str):
-        value = _labelled(value, around)
-    if loading.is_mechanism(value):
-        return _read_once(repr(value), "", partial(inline, value), around)
-    if isinstance(value, dict) and "python" in value:
-        return _python_problem(value, around)
-    if isinstance(value, dict):
-        if len(value) != 1:
-            raise ValueError("must be one family with its sizes, such as {chain: {links: 1000}}")
-        (family,) = value
-        if family not in FAMILIES:
-            raise documents.unknown_name("family of problems", family, (*FAMILIES, "python"))
-        # As a mapping, so that a mistake is found under the family's name.
-        sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
-        check: TypeAdapter[Any] = TypeAdapter(sizes)
-        return Sized(family, tuple(check.validate_python(value)[family]))
-    if isinstance(value, str) and value in FAMILIES:
-        sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
-        raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
-    if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
-        path = (around.folder / value).absolute()
-        read = partial(_mechanism, path, value, around)
-        return _read_once(value, loading.label(value), read, around)
-    if not isinstance(value, str) or value not in PROBLEMS:
-        raise _unknown("problem", value, (*PROBLEMS, *FAMILIES))
-    return Shipped(value)
-
-
-def _labelled(text: str, around: Surroundings) -> Any:
-    """What a label stands for, ``chain(links=20)`` or the name of a file without its ending."""
-    name, arguments = name_and_arguments(text)
-    if re.fullmatch(r".+\.py:\w+", name):
-        return {"python": name, "args": arguments}
-    if name in FAMILIES and arguments:
-        return {name: arguments}
-    return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
-
-
-def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
-    """What a mechanism file says now."""
-    file = documents.fetch(path, name)
-    if around.allow_code and _has_code(file):
-        return ForcedMechanism(file, path).read(around.timeout)
-    mechanism = MechanismFile(file)
-    mechanism.load()
-    return mechanism
-
-
-def _has_code(file: documents.File) -> bool:
-    """Whether a mechanism file names forces in Python; what is wrong with it is told later."""
-    try:
-        return loading.has_code(file.document().data)
-    except InputError:
-        return False
-
-
-def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
-    unknown = [key for key in value if key not in ("python", "args")]
-    if unknown:
-        raise documents.unknown_name("key", unknown[0], ("python", "args"))
-    file, colon, factory = str(value["python"]).rpartition(":")
-    arguments = value.get("args", {})
-    if not colon or not file or not factory.isidentifier():
-        raise misfit("python", 'must be "file.py:factory"')
-    if not isinstance(arguments, dict):
-        raise misfit("args", "must be a mapping of names to values")
-    if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
-        raise misfit("args", "values must be numbers, text, true or false")
-    if not around.allow_code:
-        raise misfit("python", f"{file} is code, which runs only with --allow-code")
-    path = (around.folder / file).absolute()
-    spec = PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
-    return _read_once(spec, spec.label, partial(spec.read, around.timeout), around)
-
-
-def _read_once(
-    key: Hashable, label: str, read: Callable[[], ProblemSpec], around: Surroundings
-) -> ProblemSpec:
-    """The problem, once it has shown that it can be used."""
-    if key not in around.problems:
-        if len(label) > _LONGEST_LABEL:
-            raise ValueError(
-                f"too long for a name in the CSV: {len(label)} characters, at most {_LONGEST_LABEL}"
-            )
-        if re.search("[\ud800-\udfff]", label):
-            raise ValueError("half a surrogate pair cannot be written into a CSV")
-        around.problems[key] = None
-        try:
-            around.problems[key] = read()
-        except InputError as error:
-            raise documents.refused(error) from None
-    problem = around.problems[key]
-    if problem is None:
-        raise documents.reported()
-    return problem
 
 
 def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
@@ -743,7 +512,7 @@ class TrajectoryConfig(Valued):
     at: OneOrMore[Number] | None = Field(
         None, description="the steps nearest to these times (s) instead"
     )
-    keep: OneOrMore[Annotated[str, _Known("name", KEEPABLE)]] = Field(
+    keep: OneOrMore[Annotated[str, Known("name", KEEPABLE)]] = Field(
         Kept().keep,
         description="fields to keep; energy: where it is conserved; output: angular velocities, "
         "angles and reactions of spatial mechanisms; drift: how far the constraints and their rate "
@@ -762,6 +531,7 @@ class TrajectoryConfig(Valued):
         return Kept(self.every or 1, times, self.keep)
 
 
+TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
 Variant = Annotated[Any, BeforeValidator(_preconditioning)]
 Problems = OneOrMore[
     Annotated[Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)]
@@ -769,42 +539,15 @@ Problems = OneOrMore[
 Variants = OneOrMore[Variant]
 StepSizes = OneOrMore[Positive]
 Forms = annotation(axes.named("form"))
-Measures = OneOrMore[Annotated[str, _Known("measure", MEASURES)]]
+Measures = OneOrMore[Annotated[str, Known("measure", MEASURES)]]
 LinearSolvers = Annotated[
-    OneOrMore[Annotated[str, _Known("linear solver", LINEAR_SOLVERS)]], AfterValidator(_auto_alone)
+    OneOrMore[Annotated[str, Known("linear solver", LINEAR_SOLVERS)]], AfterValidator(_auto_alone)
 ]
-Accepted = OneOrMore[Annotated[str, _Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
+Accepted = OneOrMore[Annotated[str, Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
 Integrators = OneOrMore[IntegratorConfig]
 Formulations = OneOrMore[FormulationConfig]
 Projections = OneOrMore[ProjectionConfig]
 Reported = OneOrMore[
-    Annotated[str, _Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
+    Annotated[str, Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
 ]
 Sequences = OneOrMore[SequenceConfig]
-
-
-#: Reads an alias of an axis as the axis.
-_ALIAS = BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis)
-Compared = OneOrMore[Annotated[str, _ALIAS, _Known("axis", drawing.COMPARABLE)]]
-Tabulated = OneOrMore[Annotated[str, _ALIAS, _Known("axis", tabulating.AXES)]]
-TableValues = OneOrMore[Annotated[str, _Known("value", tabulating.VALUES)]]
-Quantities = OneOrMore[Annotated[str, _Known("quantity", drawing.quantities(drawing.SHOWABLE))]]
-Showable = Annotated[str, _Known("measure", drawing.SHOWABLE)]
-Recorded = Annotated[str, _Known("measure", RECORDED)]
-RowBlocks = OneOrMore[Annotated[str, _Known("row block", ROWS)]]
-
-
-def _one_line(text: str) -> str:
-    if not re.search(_LINE, text):
-        raise ValueError("must be one line of 1 to 200 letters")
-    return text
-
-
-#: A line of text, and a word or a number that names something.
-OneLine = Annotated[str, Strict(), AfterValidator(_one_line)]
-Word = Annotated[
-    str,
-    BeforeValidator(lambda v: str(v) if isinstance(v, int) and not isinstance(v, bool) else v),
-    Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"),
-    also(type=["string", "integer"]),
-]

@@ -23,7 +23,7 @@ from newmark_cli.report.drawing import automatic
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
 from newmark_cli.study import axes, config, keys
-from newmark_cli.study.figure_keys import FigureConfig
+from newmark_cli.study.entries import FigureConfig
 from newmark_cli.support.documents import Document
 
 SWING = {

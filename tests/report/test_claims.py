@@ -16,7 +16,7 @@ from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDE
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results, shipped
 from newmark_cli.study.axes import series_axes
-from newmark_cli.study.expecting import expectations as plain
+from newmark_cli.study.entries import expectations as plain
 from newmark_cli.study.reading import read_rows
 
 EVERY_FIGURE = each("figure", synthetic.CLAIMING)

@@ -20,7 +20,7 @@ from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
 from newmark_cli.study import results
 from newmark_cli.study.axes import series_axes
-from newmark_cli.study.table_keys import TableConfig
+from newmark_cli.study.entries import TableConfig
 from newmark_cli.support.errors import InputError
 
 TRAPEZOIDAL, DAMPED = "newmark beta=0.25 gamma=0.5", "generalized-alpha rho=0.9"

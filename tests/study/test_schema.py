@@ -11,7 +11,7 @@ from each import each
 from jsonschema import Draft7Validator, Draft202012Validator
 
 from newmark_cli.mechanisms import loading
-from newmark_cli.study import config, keys, schema
+from newmark_cli.study import config, schema, subjects
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
 
@@ -45,7 +45,7 @@ def judged(text, folder):
     document = documents.parse(text, "f.yaml")
     data = document.data
     if {"points", "bodies"}.isdisjoint(data):
-        kind, read = "config", lambda: config.parse(document, keys.Surroundings(folder))
+        kind, read = "config", lambda: config.parse(document, subjects.Surroundings(folder))
     else:
         kind = "spatial" if loading.is_spatial(data) else "mechanism"
         read = lambda: loading.built("f", document)  # noqa: E731

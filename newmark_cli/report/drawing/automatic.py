@@ -29,9 +29,9 @@ from newmark_cli.report.reading.figures import (
 )
 from newmark_cli.report.reading.words import measure_text, value_text
 from newmark_cli.study import axes
-from newmark_cli.study.drawing import COMPARABLE, WORK_PRECISION
-from newmark_cli.study.figure_keys import FigureConfig
+from newmark_cli.study.entries import FigureConfig
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
+from newmark_cli.study.showable import COMPARABLE, WORK_PRECISION
 from newmark_cli.support.retired import RETIRED
 
 #: Most panels of one figure, and most series of one panel that gathers what is no grid.

@@ -13,8 +13,8 @@ from newmark_cli.report.drawing.work import COSTS
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, of_study
-from newmark_cli.study.drawing import WORK_PRECISION
-from newmark_cli.study.figure_keys import definitions
+from newmark_cli.study import entries
+from newmark_cli.study.showable import WORK_PRECISION
 from newmark_cli.support.errors import InputError, ResultsError
 from newmark_cli.support.spelling import nearest
 
@@ -88,7 +88,7 @@ class Chosen:
         figures = [figure for figure in own if self._is_whole(figure)]
         if figures and figures[0] in FIGURES.values():
             return figures
-        defined = _recorded(study, self.results.folder, definitions)
+        defined = _recorded(study, self.results.folder, entries.figures) or None
         keep = self.choice.keeps, self.choice.kinds
         figures += automatic.figures(study, self.results, defined, *keep)
         if not figures and defined:

@@ -48,7 +48,7 @@ from newmark_cli.study.reading import (
     study_files,
 )
 from newmark_cli.study.results import NUMBERS, ROUNDING
-from newmark_cli.study.tabulating import VALUES
+from newmark_cli.study.showable import VALUES
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, ResultsError

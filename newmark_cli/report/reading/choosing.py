@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from newmark_cli.report.reading.words import means
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.drawing import SHOWABLE, kinds
+from newmark_cli.study.showable import SHOWABLE, kinds
 from newmark_cli.support.errors import InputError
 from newmark_cli.support.spelling import nearest
 

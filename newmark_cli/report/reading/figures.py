@@ -11,9 +11,9 @@ from itertools import product
 from typing import Any
 
 from newmark_cli.report.reading.words import means, value_text
-from newmark_cli.study import shipped
+from newmark_cli.study import entries, shipped
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.figure_keys import CurveConfig, FigureConfig, definitions
+from newmark_cli.study.entries import CurveConfig, FigureConfig
 from newmark_cli.study.measures import FLOOR_OF
 
 
@@ -71,7 +71,7 @@ class Figure:
     study: str  #: study whose results it reads
     parts: tuple[Part, ...]  #: its panels
     columns: int = 1  #: panels side by side
-    kind: str = "orders"  #: one of `newmark_cli.study.drawing.KINDS`
+    kind: str = "orders"  #: one of `newmark_cli.study.showable.KINDS`
     problem: str = ""  #: the mechanism, of a picture of one
     note: str = ""  #: what stands above the legend
     h: float | None = None  #: step size of values over time (s)
@@ -176,7 +176,7 @@ def _shipped() -> dict[str, Figure]:
     figures = [
         explicit(study, definition)
         for study, data in shipped.configs().items()
-        for definition in definitions(data) or ()
+        for definition in entries.figures(data)
         if definition.figure
     ]
     figures.sort(key=lambda figure: place(figure.name))
@@ -200,8 +200,7 @@ def of_study(study: str, config: Any) -> list[Figure]:
     """
     if shipped.is_shipped(study, config):
         return [figure for figure in FIGURES.values() if figure.study == study]
-    defined = definitions(config) or ()
-    return [explicit(study, definition) for definition in defined if definition.figure]
+    return [explicit(study, defined) for defined in entries.figures(config) if defined.figure]
 
 
 #: Shipped studies that are made into tables: figures of them are drawn when asked for.

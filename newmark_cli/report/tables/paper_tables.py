@@ -8,7 +8,7 @@ from newmark_cli.report.tables import predicted_tables
 from newmark_cli.report.tables.study_tables import groups, report
 from newmark_cli.report.tables.table import Report
 from newmark_cli.study import shipped
-from newmark_cli.study.table_keys import tables
+from newmark_cli.study.entries import tables
 from newmark_cli.support.errors import ResultsError
 
 #: Study that the tables read.

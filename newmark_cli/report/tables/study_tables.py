@@ -18,8 +18,8 @@ from newmark_cli.report.reading.choosing import grouped, select
 from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study import shipped
-from newmark_cli.study.table_keys import TableConfig, choice_of, table, tables
-from newmark_cli.study.tabulating import AXES, VALUES
+from newmark_cli.study.entries import TableConfig, table, tables
+from newmark_cli.study.showable import TABULATED, VALUES
 from newmark_cli.support.errors import InputError, ResultsError
 
 #: What a command prints of a study that does not say.
@@ -89,7 +89,7 @@ def report(slopes: Iterable[Slope], layout: TableConfig) -> Report:
         return Report(name, tuple(tables), legend)
     tables = [_list(title, placed, layout) for title, placed in titled]
     rows = [_record(slope, layout) for _, placed in titled for _, slope in placed]
-    columns = (*(layout.rows or ("study", *AXES)), *layout.shown)
+    columns = (*(layout.rows or ("study", *TABULATED)), *layout.shown)
     return Report(name, tuple(tables), legend, rows, columns)
 
 
@@ -99,12 +99,12 @@ Placed = tuple[str, Slope]
 
 def groups(slopes: Iterable[Slope], layout: TableConfig) -> list[tuple[str, list[Placed]]]:
     """Title and entries of each table of a layout."""
-    ours = select(slopes, **choice_of(layout))
+    ours = select(slopes, **layout.choice)
     if not layout.across:
         return [(layout.title or ours[0].study, [("", slope) for slope in ours])] if ours else []
-    across = {axis for heading in layout.headings or () for axis in choice_of(heading)}
+    across = {axis for heading in layout.headings or () for axis in heading.choice}
     said = {*(layout.rows or ()), *(layout.columns or ()), *across}
-    apart = [axis for axis in (*AXES, "initial") if axis not in said]
+    apart = [axis for axis in (*TABULATED, "initial") if axis not in said]
     found = grouped(ours, apart)
     varying = [axis for i, axis in enumerate(apart) if len({where[i] for where in found}) > 1]
     titled = [(_title(layout, varying, group[0]), group) for group in found.values()]
@@ -126,7 +126,7 @@ def _placed(slopes: Sequence[Slope], layout: TableConfig) -> list[Placed]:
     return [
         (heading.label, _strongest(group))
         for heading in layout.headings
-        for group in grouped(select(slopes, **choice_of(heading)), layout.rows or ()).values()
+        for group in grouped(select(slopes, **heading.choice), layout.rows or ()).values()
     ]
 
 
@@ -164,7 +164,7 @@ def _row_name(axis: str, value: str) -> str:
 
 def _list(title: str, placed: Sequence[Placed], layout: TableConfig) -> Table:
     slopes = [slope for _, slope in placed]
-    varying = tuple(a for a in AXES if len({getattr(slope, a) for slope in slopes}) > 1)
+    varying = tuple(a for a in TABULATED if len({getattr(slope, a) for slope in slopes}) > 1)
     names = layout.rows or varying or ("quantity",)
     body = (
         (
@@ -179,7 +179,7 @@ def _list(title: str, placed: Sequence[Placed], layout: TableConfig) -> Table:
 def _record(slope: Slope, layout: TableConfig) -> Record:
     """A series for programs: axes of a list, and values as numbers."""
     row: dict[str, Any] = {**slope.row(), "predicted": slope.expected, "fitted": slope.fit.slope}
-    names = layout.rows or ("study", *AXES)
+    names = layout.rows or ("study", *TABULATED)
     return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.shown}
 
 

@@ -1,4 +1,4 @@
-"""What figures of a study can show, and how: in its config, and on the command line."""
+"""What figures and tables of a study can show: in its config, and on the command line."""
 
 from collections.abc import Iterable
 
@@ -45,3 +45,21 @@ def quantities(names: Iterable[str]) -> tuple[str, ...]:
 #: What figures draw: series against the step size, errors against work, values over time, or a
 #: mechanism.
 KINDS = ("orders", "work", "history", "drift", "mechanism")
+
+#: Axes that rows and columns of tables can stand for.
+TABULATED = (*COMPARABLE, "measure")
+
+#: What a table can say of a series → in words.
+VALUES = {
+    "predicted": "predicted order",
+    "tolerance": "largest difference from it that passes",
+    "fitted": "fitted slope ± standard error",
+    "slope": "fitted slope",
+    "stderr": "its standard error",
+    "points": "how many step sizes the fit is for",
+    "h_from": "largest step size of the fit",
+    "h_to": "smallest step size of the fit",
+    "local_orders": "orders between successive step sizes",
+    "verdict": "whether it is as predicted",
+    "reason": "why the verdict is not a plain pass",
+}

@@ -1,0 +1,152 @@
+"""The problem that a study config names."""
+
+import re
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationInfo
+
+from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.spec import (
+    ForcedMechanism,
+    MechanismFile,
+    ProblemSpec,
+    PythonFactory,
+    Shipped,
+    Sized,
+    inline,
+    name_and_arguments,
+    with_ending,
+)
+from newmark_cli.study.kinds import unknown
+from newmark_cli.support import documents
+from newmark_cli.support.documents import misfit
+from newmark_cli.support.errors import InputError
+
+# Every row of the CSV has the problem's name, which is file, function and arguments.
+_LONGEST_LABEL = 2_000
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Context on which a config's meaning depends besides its text.
+
+    Attributes:
+        folder: Where files that it names are looked for.
+        allow_code: Whether problems in Python may be loaded.
+        timeout: Most wall time of loading one (s).
+        problems: Those of the document that were read, by how it names them, None for one
+            whose mistakes are reported already: what their files said then holds for all of it.
+    """
+
+    folder: Path = Path()
+    allow_code: bool = False
+    timeout: float | None = None
+    problems: dict[Hashable, ProblemSpec | None] = field(default_factory=dict, compare=False)
+
+
+def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
+    """The problem that a config names; `Surroundings` are the context of the validation."""
+    around = info.context or Surroundings()
+    if isinstance(value, ProblemSpec):
+        return value
+    if isinstance(value, str):
+        value = _labelled(value, around)
+    if loading.is_mechanism(value):
+        return _read_once(repr(value), "", partial(inline, value), around)
+    if isinstance(value, dict) and "python" in value:
+        return _python_problem(value, around)
+    if isinstance(value, dict):
+        if len(value) != 1:
+            raise ValueError("must be one family with its sizes, such as {chain: {links: 1000}}")
+        (family,) = value
+        if family not in FAMILIES:
+            raise documents.unknown_name("family of problems", family, (*FAMILIES, "python"))
+        # As a mapping, so that a mistake is found under the family's name.
+        sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
+        check: TypeAdapter[Any] = TypeAdapter(sizes)
+        return Sized(family, tuple(check.validate_python(value)[family]))
+    if isinstance(value, str) and value in FAMILIES:
+        sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
+        raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
+    if isinstance(value, str) and Path(value).suffix in (".yaml", ".yml"):
+        path = (around.folder / value).absolute()
+        read = partial(_mechanism, path, value, around)
+        return _read_once(value, loading.label(value), read, around)
+    if not isinstance(value, str) or value not in PROBLEMS:
+        raise unknown("problem", value, (*PROBLEMS, *FAMILIES))
+    return Shipped(value)
+
+
+def _labelled(text: str, around: Surroundings) -> Any:
+    """What a label stands for, ``chain(links=20)`` or the name of a file without its ending."""
+    name, arguments = name_and_arguments(text)
+    if re.fullmatch(r".+\.py:\w+", name):
+        return {"python": name, "args": arguments}
+    if name in FAMILIES and arguments:
+        return {name: arguments}
+    return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
+
+
+def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
+    """What a mechanism file says now."""
+    file = documents.fetch(path, name)
+    if around.allow_code and _has_code(file):
+        return ForcedMechanism(file, path).read(around.timeout)
+    mechanism = MechanismFile(file)
+    mechanism.load()
+    return mechanism
+
+
+def _has_code(file: documents.File) -> bool:
+    """Whether a mechanism file names forces in Python; what is wrong with it is told later."""
+    try:
+        return loading.has_code(file.document().data)
+    except InputError:
+        return False
+
+
+def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
+    unknown = [key for key in value if key not in ("python", "args")]
+    if unknown:
+        raise documents.unknown_name("key", unknown[0], ("python", "args"))
+    file, colon, factory = str(value["python"]).rpartition(":")
+    arguments = value.get("args", {})
+    if not colon or not file or not factory.isidentifier():
+        raise misfit("python", 'must be "file.py:factory"')
+    if not isinstance(arguments, dict):
+        raise misfit("args", "must be a mapping of names to values")
+    if not all(isinstance(item, str | int | float | bool | None) for item in arguments.values()):
+        raise misfit("args", "values must be numbers, text, true or false")
+    if not around.allow_code:
+        raise misfit("python", f"{file} is code, which runs only with --allow-code")
+    path = (around.folder / file).absolute()
+    spec = PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
+    return _read_once(spec, spec.label, partial(spec.read, around.timeout), around)
+
+
+def _read_once(
+    key: Hashable, label: str, read: Callable[[], ProblemSpec], around: Surroundings
+) -> ProblemSpec:
+    """The problem, once it has shown that it can be used."""
+    if key not in around.problems:
+        if len(label) > _LONGEST_LABEL:
+            raise ValueError(
+                f"too long for a name in the CSV: {len(label)} characters, at most {_LONGEST_LABEL}"
+            )
+        if re.search("[\ud800-\udfff]", label):
+            raise ValueError("half a surrogate pair cannot be written into a CSV")
+        around.problems[key] = None
+        try:
+            around.problems[key] = read()
+        except InputError as error:
+            raise documents.refused(error) from None
+    problem = around.problems[key]
+    if problem is None:
+        raise documents.reported()
+    return problem
