@@ -5,7 +5,8 @@ of its cells, the columns of CSVs, what a kept cell is found by, what names a se
 and how tables, terminals and records spell it.
 
 A new axis is one more field of `Cell` (or of `RowAxes`, for what tells the rows of one
-cell apart), besides the code that gives it a meaning.
+cell apart), besides the code that gives it a meaning; what a config may give along it, where
+that is not one of its names, stands in `newmark_cli.study.keys`.
 """
 
 import re
@@ -39,7 +40,7 @@ from newmark_cli.newmark.integrator import (
     Newmark,
 )
 from newmark_cli.newmark.kept import Kept
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, LINEAR_SOLVERS, Krylov, choose
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, canonical
 from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
@@ -75,10 +76,7 @@ class Axis:
         inner: Whether it varies inside the axes that are not, in a study's order of cells.
         since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
             brought it: columns are appended, never moved.
-        config: What a config may give, as an annotation of pydantic, from the module
-            `newmark_cli.study.keys`, which those who read CSVs do without; names, or a list of
-            them, if omitted.
-        default: What a config that lacks the key means, or a function of the same module.
+        default: What a config that lacks the key means.
         about: What the key means, for JSON Schema and the docs.
         shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
         rare: Whether CSVs have the column only where a value does not go without saying.
@@ -100,7 +98,6 @@ class Axis:
     computed: bool = True
     inner: bool = False
     since: tuple[int, int] = (3, 3)
-    config: Callable[[Any], Any] | None = None
     default: Any = ...
     about: str = ""
     shows: str = ""
@@ -108,11 +105,10 @@ class Axis:
     many: bool = True
     value: Callable[[Any], Any] = lambda key: key.value() if hasattr(key, "value") else key
 
-    def labels(self, case: Any) -> Iterator[str]:
-        """How CSVs spell the values that a case has along the axis."""
+    def values(self, case: Any) -> tuple[Any, ...]:
+        """Values of the cells of a case along the axis."""
         listed = getattr(case, self.name)
-        for item in listed if self.many else (listed,):
-            yield _labelled(self.value(item))
+        return tuple(map(self.value, listed if self.many else (listed,)))
 
     def named(self, word: str) -> str:
         """One of the names, from what legends make of it; another word as it is."""
@@ -139,7 +135,7 @@ def axis(
     initial = rest.pop("initial", ...)
     options: dict[str, Any] = {} if initial is ... else {"default": initial}
     if options and rest.get("many", True):
-        rest = {"usual": _labelled(initial), "default": _labelled(initial), **rest}
+        rest = {"usual": label(initial), "default": label(initial), **rest}
     elif options:
         rest = {"default": initial, **rest}
     return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
@@ -156,10 +152,10 @@ def _axes(of: type) -> tuple[Axis, ...]:
 
 def _axis(name: str, declared: dict[str, Any]) -> Axis:
     title, write = declared.pop("title") or name, declared.pop("write")
-    return Axis(name, title, write or (lambda owner: _labelled(getattr(owner, name))), **declared)
+    return Axis(name, title, write or (lambda owner: label(getattr(owner, name))), **declared)
 
 
-def _labelled(value: Any) -> Any:
+def label(value: Any) -> Any:
     """A value as CSVs spell it."""
     return getattr(value, "label", value)
 
@@ -216,7 +212,6 @@ class Cell:
     problem: "ProblemSpec" = axis(
         since=(0, 1),
         text=lambda label: re.sub(r"\.ya?ml$", "", label),
-        config=lambda keys: keys.Problems,
         about="name of a problem, mechanism file, family with its size, Python factory, or a list",
         shows="the problem, as the config names it",
     )
@@ -226,7 +221,6 @@ class Cell:
         names=(*INTEGRATORS, TRAPEZOIDAL_NAME),
         text=_integrator_text,
         also=lambda label: label.split()[:1],
-        config=lambda keys: keys.Integrators,
         default="newmark",
         about="an integrator or a list; default: trapezoidal",
         shows="method and parameters",
@@ -245,7 +239,6 @@ class Cell:
         inner=True,
         names=VARIANTS,
         text=lambda label: label.partition("[")[0],
-        config=lambda keys: keys.Variants,
         about="variant, scaling of your own, or a list",
         shows="variant, or a scaling of your own with its factors: "
         "`name[left D=…; right lambda=…]`",
@@ -272,7 +265,6 @@ class Cell:
         since=(0, 2),
         names=LINEAR_SOLVERS,
         also=lambda label: (AUTO,),
-        config=lambda keys: keys.LinearSolvers,
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
         "with `static-lu` up to 300 unknowns, else estimated in the 1-norm; last bits are the same "
@@ -282,7 +274,6 @@ class Cell:
         initial=CONSTRAINTS,
         since=(4, 4),
         names=METHODS,
-        config=lambda keys: keys.Formulations,
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
@@ -291,7 +282,6 @@ class Cell:
         since=(4, 4),
         names=PROJECTIONS,
         text=_projection_text,
-        config=lambda keys: keys.Projections,
         about="what is projected after each step, a name or a mapping, or a list",
         shows="what is projected after each step",
     )
@@ -303,7 +293,6 @@ class Cell:
         names=REPORTED,
         text=lambda label: _MULTIPLIERS.get(label, label),
         also=lambda label: (AUTO,),
-        config=lambda keys: keys.Reported,
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
     )
@@ -323,7 +312,6 @@ class Cell:
         text=lambda label: (
             f"tolerance {label}" if label.startswith(("absolute", "relative")) else label
         ),
-        config=lambda keys: keys.Stop,
         about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
         "field, or on the residual; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "
@@ -334,7 +322,6 @@ class Cell:
         initial=CONSTANT,
         since=(6, 4),
         rare=True,
-        config=lambda keys: keys.Sequences,
         about="how the step size varies along the march, in multiples of h; default: constant",
         shows="how the step size varies: `constant`, `change 0.5 at 0.5` (once, at a time in s), "
         "`alternate 1.0 0.5 every 5`, `random 0.5 2.0 seed 1`, all in multiples of `h`",
@@ -350,7 +337,6 @@ class Cell:
         series=False,
         since=(0, 0),
         inner=True,
-        config=lambda keys: keys.StepSizes,
         about="step sizes (s)",
         shows="step size (s; without unit for the pendulum)",
     )
@@ -358,54 +344,46 @@ class Cell:
         "end of the march, from 0 (s)",
         shows="end of the march as configured (s)",
         since=(0, 0),
-        config=lambda keys: keys.Positive | None,
         default=None,
     )
     steps: int = setting(
         "steps to take, in place of t_end; 0: measure at the initial state",
         shows="steps taken: whole steps up to `t_end`; 0: measured at the initial state",
         since=(0, 0),
-        config=lambda keys: keys.StepCount | None,
         default=None,
     )
     measure: tuple[str, ...] = setting(
         "what is measured",
         column=False,
-        config=lambda keys: keys.Measures,
         default=("correction", "condition"),
     )
     iteration_cap: int = setting(
         "most Newton corrections in a step",
         column=False,
         initial=50,
-        config=lambda keys: keys.Count,
     )
     samples: int = setting(
         "most steps at which J is evaluated for condition and sensitivity",
         column=False,
         initial=32,
-        config=lambda keys: keys.Count,
     )
     twins: int = setting(
         "marches from starts one unit in the last place away, by which the rounding of errors, "
         "invariants and drifts is measured; 0: none",
         column=False,
         initial=0,
-        config=lambda keys: keys.TwinCount,
         default=3,
     )
     krylov: Krylov | None = setting(
         "when gmres stops",
         column=False,
         initial=None,
-        config=lambda keys: keys.KrylovConfig,
-        default=lambda keys: keys.KrylovConfig(),
+        default=None,
     )
     trajectory: Kept | None = setting(
         "which steps `trajectory` keeps, and what of them; default: all",
         column=False,
         initial=None,
-        config=lambda keys: keys.TrajectoryConfig | None,
     )
     accept: tuple[str, ...] = setting(
         "statuses that cells may end with and not count as failed; not_converging, for series",
@@ -413,7 +391,6 @@ class Cell:
         computed=False,
         compare=False,
         initial=(),
-        config=lambda keys: keys.Accepted,
     )
 
     @property
@@ -579,27 +556,7 @@ def grid(along: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 def values(case: Any) -> dict[str, tuple[Any, ...]]:
     """Axis → values of the cells of a case, of those axes that tell cells apart."""
-    along = {}
-    for axis in cell_axes():
-        if axis.cell:
-            listed = getattr(case, axis.name)
-            along[axis.name] = tuple(
-                axis.value(item) for item in (listed if axis.many else (listed,))
-            )
-    return along
-
-
-def krylov_options(case: Any, linear_solver: str) -> Krylov | None:
-    """When a Krylov solver stops; None for other solvers, whose cells do not depend on it."""
-    options: Krylov = case.krylov.value()
-    return options if linear_solver == GMRES else None
-
-
-def kept_of(case: Any) -> Kept | None:
-    """The part of its marches that a case keeps; None if it measures no trajectory."""
-    if "trajectory" not in case.measure:
-        return None
-    return Kept() if case.trajectory is None else case.trajectory.value()
+    return {axis.name: axis.values(case) for axis in cell_axes() if axis.cell}
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,11 @@ from newmark_cli.mechanisms.spec import (
     with_ending,
 )
 from newmark_cli.newmark.forms import FORMS
-from newmark_cli.newmark.kept import DRIFT, ENERGY, OUTPUT
+from newmark_cli.newmark.kept import DRIFT, ENERGY, OUTPUT, Kept
 from newmark_cli.newmark.linear.choice import (
     AUTO,
     DENSE,
+    GMRES,
     SPARSE,
     STATIC,
 )
@@ -156,12 +157,11 @@ class _Rules(RuledModel):
 
     def _missed(self) -> Iterator[PydanticCustomError]:
         """Times of a trajectory that a march does not come to."""
-        kept = axes.kept_of(self)
-        if kept is None or not kept.at:
+        if self.kept is None or not self.kept.at:
             return
         for spec, (sequence, h, steps) in product(self.problem, self._lengths()):
             grid = TimeGrid.of(sequence, spec.traits().sample.t0, h, steps)
-            if (time := kept.outside(grid, steps)) is not None:
+            if (time := self.kept.outside(grid, steps)) is not None:
                 yield misfit(
                     "trajectory",
                     f"{time:g} s is outside the march with h = {h:g}, {grid.t0:g} to "
@@ -199,6 +199,7 @@ class _Rules(RuledModel):
     def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""
         values = axes.values(self)
+        values["preconditioning"] = tuple(variant.label for variant in self.variants())
         solvers = [
             (DENSE, SPARSE, STATIC) if solver == AUTO else (solver,)
             for solver in values["linear_solver"]
@@ -207,15 +208,20 @@ class _Rules(RuledModel):
         return {**values, "measure": self.measure, "initial": (self.steps == 0,)}
 
     @property
+    def kept(self) -> Kept | None:
+        """The part of its marches that it keeps; None if it measures no trajectory."""
+        if "trajectory" not in self.measure:
+            return None
+        return Kept() if self.trajectory is None else self.trajectory.value()
+
+    @property
     def count(self) -> int:
         """Number of cells."""
-        return math.prod(
-            len(getattr(self, axis.name)) for axis in axes.cell_axes() if axis.cell and axis.many
-        )
+        return math.prod(map(len, axes.values(self).values()))
 
     def recorded(self) -> int:
         """Most numbers in its trajectories."""
-        if (kept := axes.kept_of(self)) is None:
+        if (kept := self.kept) is None:
             return 0
         traits = [spec.traits() for spec in self.problem]
         sizes = [
@@ -238,8 +244,8 @@ class _Rules(RuledModel):
                 **at,
                 t_end=self.t_end if self.t_end is not None else steps * h,
                 steps=steps,
-                krylov=axes.krylov_options(self, at["linear_solver"]),
-                trajectory=axes.kept_of(self),
+                krylov=self.krylov.value() if at["linear_solver"] == GMRES else None,
+                trajectory=self.kept,
                 twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
                 **{name: getattr(self, name) for name in _AS_GIVEN},
             )
@@ -253,7 +259,7 @@ def _dividing(t_end: float, steps: int) -> str:
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
-    default = axis.default(keys) if callable(axis.default) else axis.default
+    default = keys.KrylovConfig() if axis.name == "krylov" else axis.default
     return keys.annotation(axis), Field(default, description=axis.about, validate_default=axis.many)
 
 
@@ -428,23 +434,21 @@ def _case(
 
 def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
     """Grids have a cell in common if they share a value along every axis."""
-    known: list[dict[str, Collection[Any]]] = []
+    known: list[dict[str, frozenset[Any]]] = []
     for case in cases.values():
         ours = case.axes()
         for theirs in known:
-            if not all(any(map(theirs[name].__contains__, ours[name])) for name in ours):
-                continue
-            shared = {
-                name: next(filter(theirs[name].__contains__, mine)) for name, mine in ours.items()
-            }
-            problem, form, scaling, h, measure = (
-                shared[name] for name in ("problem", "form", "preconditioning", "h", "measure")
-            )
-            raise document.error(
-                ("cases",),
-                f"two cases have {problem.label}, {form}, {scaling.name}, h = {h:g}, {measure}",
-            )
-        known.append({name: _looked_up(values) for name, values in ours.items()})
+            both = {name: [v for v in ours[name] if v in theirs[name]] for name in ours}
+            if all(both.values()):
+                problem, form, scaling, h, measure = (
+                    both[name][0] for name in ("problem", "form", "preconditioning", "h", "measure")
+                )
+                raise document.error(
+                    ("cases",),
+                    f"two cases have {problem.label}, {form}, "
+                    f"{axes.value_text('preconditioning', scaling)}, h = {h:g}, {measure}",
+                )
+        known.append({name: frozenset(values) for name, values in ours.items()})
 
 
 def _outputs(traits: Traits) -> int:
@@ -464,14 +468,6 @@ def _refuse_long_trajectories(document: Document, cases: Mapping[int, Case]) -> 
             f"trajectory of {numbers} numbers in all cases, at most {_MOST_RECORDED}; "
             "keep fewer steps, or less of each",
         )
-
-
-def _looked_up(values: tuple[Any, ...]) -> Collection[Any]:
-    """Values to look others up in, quickly where they can be hashed."""
-    try:
-        return frozenset(values)
-    except TypeError:
-        return values
 
 
 def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> None:

@@ -133,7 +133,7 @@ def _series_keys() -> dict[str, Any]:
         "problem": optional(
             OneOrMore[Annotated[str, Strict()]], "problems to show, as in the CSV; default: all"
         ),
-        "form": optional(keys.Forms, "forms to show; default: all"),
+        "form": optional(keys.annotation(axes.named("form")), "forms to show; default: all"),
     }
 
 

@@ -1,7 +1,7 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-import sys
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import MISSING, fields
 from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
@@ -63,13 +63,6 @@ from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
 from newmark_cli.support.json_schema import JsonSchema, Shown
 from newmark_cli.support.spelling import closest
-
-
-def annotation(axis: Axis) -> Any:
-    """What a config may give along an axis."""
-    if axis.config is not None:
-        return axis.config(sys.modules[__name__])
-    return OneOrMore[Annotated[str, Known(axis.title, axis.names, axis)]]  # type: ignore[misc]
 
 
 class Valued(StrictModel):
@@ -345,17 +338,19 @@ class SequenceConfig(Valued):
 
     @model_validator(mode="after")
     def _usable(self) -> "SequenceConfig":
-        names = {name for name in type(self).model_fields if getattr(self, name) is not None}
-        kinds = [kind for kind in (*_OF_SEQUENCE,) if kind in names]
-        if names and len(kinds) != 1:
-            kinds = kinds or list(_OF_SEQUENCE)
-            raise ValueError(f"needs one of {', '.join(kinds)}, given {', '.join(sorted(names))}")
-        for kind in kinds:
-            other, needed = _OF_SEQUENCE[kind]
-            if others := sorted(names - {kind, other}):
+        given = self.model_dump(exclude_none=True)
+        kinds = [kind for kind in SEQUENCES if kind in type(self).model_fields]
+        chosen = [kind for kind in kinds if kind in given]
+        if given and len(chosen) != 1:
+            listed = ", ".join(chosen or kinds)
+            raise ValueError(f"needs one of {listed}, given {', '.join(sorted(given))}")
+        for kind in chosen:
+            parts = {part.name: part.default for part in fields(SEQUENCES[kind])}
+            if others := sorted(given.keys() - parts):
                 raise misfit(others[0], f"does not belong to {kind}")
-            if needed and other not in names:
-                raise misfit(kind, f"needs {other}")
+            missing = [name for name in parts if parts[name] is MISSING and name not in given]
+            if missing:
+                raise misfit(kind, f"needs {missing[0]}")
         try:
             self.value()
         except SequenceError as error:
@@ -365,21 +360,15 @@ class SequenceConfig(Valued):
 
     def value(self) -> StepSequence:
         """The core's value."""
-        kind = next((kind for kind in _OF_SEQUENCE if getattr(self, kind) is not None), None)
-        if kind is None:
-            return CONSTANT
-        arguments = self.model_dump(exclude_none=True)
-        sequence: StepSequence = SEQUENCES[kind](**arguments)
+        given = self.model_dump(exclude_none=True)
+        kind = next((kind for kind in SEQUENCES if kind in given), CONSTANT.label)
+        sequence: StepSequence = SEQUENCES[kind](**given)
         return sequence
 
     @property
     def label(self) -> str:
         """As CSVs have it."""
         return self.value().label
-
-
-#: Kind of sequence → its other key, and whether it needs it.
-_OF_SEQUENCE = {"change": ("at", True), "alternate": ("every", False), "random": ("seed", False)}
 
 
 class LimitsConfig(StrictModel):
@@ -479,9 +468,6 @@ class KrylovConfig(Valued):
 _StopOrText = Annotated[
     StopConfig, Shown(lambda schema, handler: {"anyOf": [handler(schema), {"type": "string"}]})
 ]
-Stop = Annotated[
-    _StopOrText | None, BeforeValidator(lambda value: None if value == SATURATION else value)
-]
 
 
 def _preconditioning(value: Any) -> Any:
@@ -531,23 +517,40 @@ class TrajectoryConfig(Valued):
         return Kept(self.every or 1, times, self.keep)
 
 
-TwinCount = Annotated[int, Strict(), Field(ge=0, le=100), WHOLE]
-Variant = Annotated[Any, BeforeValidator(_preconditioning)]
-Problems = OneOrMore[
-    Annotated[Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)]
-]
-Variants = OneOrMore[Variant]
-StepSizes = OneOrMore[Positive]
-Forms = annotation(axes.named("form"))
-Measures = OneOrMore[Annotated[str, Known("measure", MEASURES)]]
-LinearSolvers = Annotated[
-    OneOrMore[Annotated[str, Known("linear solver", LINEAR_SOLVERS)]], AfterValidator(_auto_alone)
-]
-Accepted = OneOrMore[Annotated[str, Known("status", (*STATUSES[1:], NOT_CONVERGING))]]
-Integrators = OneOrMore[IntegratorConfig]
-Formulations = OneOrMore[FormulationConfig]
-Projections = OneOrMore[ProjectionConfig]
-Reported = OneOrMore[
-    Annotated[str, Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
-]
-Sequences = OneOrMore[SequenceConfig]
+#: Key of a case → what a config may give, where that is not a name, or a list of names.
+_GIVEN: Mapping[str, Any] = {
+    "problem": OneOrMore[
+        Annotated[Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)]
+    ],
+    "integrator": OneOrMore[IntegratorConfig],
+    "preconditioning": OneOrMore[Annotated[Any, BeforeValidator(_preconditioning)]],
+    "linear_solver": Annotated[
+        OneOrMore[Annotated[str, Known("linear solver", LINEAR_SOLVERS)]],
+        AfterValidator(_auto_alone),
+    ],
+    "formulation": OneOrMore[FormulationConfig],
+    "projection": OneOrMore[ProjectionConfig],
+    "multipliers": OneOrMore[
+        Annotated[str, Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
+    ],
+    "stop": Annotated[
+        _StopOrText | None, BeforeValidator(lambda value: None if value == SATURATION else value)
+    ],
+    "h_sequence": OneOrMore[SequenceConfig],
+    "h": OneOrMore[Positive],
+    "t_end": Positive | None,
+    "steps": StepCount | None,
+    "measure": OneOrMore[Annotated[str, Known("measure", MEASURES)]],
+    "iteration_cap": Count,
+    "samples": Count,
+    "twins": Annotated[int, Strict(), Field(ge=0, le=100), WHOLE],
+    "krylov": KrylovConfig,
+    "trajectory": TrajectoryConfig | None,
+    "accept": OneOrMore[Annotated[str, Known("status", (*STATUSES[1:], NOT_CONVERGING))]],
+}
+
+
+def annotation(axis: Axis) -> Any:
+    """What a config may give along an axis, for pydantic."""
+    of_names = OneOrMore[Annotated[str, Known(axis.title, axis.names, axis)]]
+    return _GIVEN.get(axis.name, of_names)

@@ -73,7 +73,7 @@ def resolved(study: "Study") -> dict[str, Any]:
     for case, recorded in zip(study.cases, config["cases"], strict=True):
         # As in CSVs, so that a new axis changes no record that has nothing of it.
         for axis in cell_axes():
-            if axis.rare and [*axis.labels(case)] == [axis.usual]:
+            if axis.rare and [axes.label(of) for of in axis.values(case)] == [axis.usual]:
                 del recorded[axis.name]
     return config
 

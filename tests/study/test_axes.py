@@ -124,8 +124,7 @@ REPEAT = (
         usual="1",
         initial="1",
         since=(6, 6),
-        config=lambda keys: keys.OneOrMore[str],
-        default="1",
+        names=("1", "second"),
         about="names of repetitions",
     )
     stop: Tolerance | None = axis(
