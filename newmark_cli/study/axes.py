@@ -38,6 +38,7 @@ from newmark_cli.newmark.integrator import (
     TRAPEZOIDAL_NAME,
     Integrator,
     Newmark,
+    plain_label,
 )
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
@@ -68,6 +69,7 @@ class Axis:
         same: What all spellings of one value in a CSV have in common.
         names: Values that have a name; others are written out.
         text: A value, as CSVs have it, as legends and titles have it.
+        plain: A value as CSVs have it, from what legends make of one without a name.
         also: What else a value may be called, where one is typed.
         column: Whether CSVs have a column of its name.
         series: Whether it tells series apart.
@@ -91,6 +93,7 @@ class Axis:
     same: Callable[[str], str] = str
     names: Collection[str] = ()
     text: Callable[[str], str] = str
+    plain: Callable[[str], str] = str
     also: Callable[[str], Collection[str]] = lambda value: ()
     column: bool = True
     series: bool = True
@@ -110,8 +113,9 @@ class Axis:
         listed = getattr(case, self.name)
         return tuple(map(self.value, listed if self.many else (listed,)))
 
-    def named(self, word: str) -> str:
-        """One of the names, from what legends make of it; another word as it is."""
+    def read(self, word: str) -> str:
+        """A value as CSVs have it, from what legends make of it; another word as it is."""
+        word = self.plain(word)
         return next((name for name in self.names if self.text(name) == word), word)
 
     def means(self, word: str, value: str) -> bool:
@@ -220,6 +224,7 @@ class Cell:
         since=(0, 1),
         names=(*INTEGRATORS, TRAPEZOIDAL_NAME),
         text=_integrator_text,
+        plain=plain_label,
         also=lambda label: label.split()[:1],
         default="newmark",
         about="an integrator or a list; default: trapezoidal",
@@ -282,6 +287,9 @@ class Cell:
         since=(4, 4),
         names=PROJECTIONS,
         text=_projection_text,
+        plain=lambda text: (
+            text.replace("no projection", "none").replace(" projection", "").replace(" with ", " ")
+        ),
         about="what is projected after each step, a name or a mapping, or a list",
         shows="what is projected after each step",
     )
@@ -312,6 +320,7 @@ class Cell:
         text=lambda label: (
             f"tolerance {label}" if label.startswith(("absolute", "relative")) else label
         ),
+        plain=lambda text: text.removeprefix("tolerance "),
         about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
         "field, or on the residual; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "
@@ -616,9 +625,15 @@ def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:
     return tuple(name for _, name in sorted(columns, key=lambda column: column[0]))
 
 
-def present(columns: Iterable[str], rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def present(
+    columns: Iterable[str],
+    rows: Sequence[Mapping[str, Any]],
+    rare: Collection[str] | None = None,
+) -> list[str]:
     """Columns of a CSV but those of rare axes in which every row has the usual value."""
-    usual = {axis.name: axis.usual for axis in cell_axes() if axis.rare}
+    usual = {
+        axis.name: axis.usual for axis in cell_axes() if axis.name in (rare or ()) or axis.rare
+    }
     return [
         name
         for name in columns

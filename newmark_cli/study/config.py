@@ -1,7 +1,7 @@
 """Study configs: YAML in, frozen models and cells out."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, product, starmap
 from pathlib import Path
@@ -135,8 +135,7 @@ class _Rules(RuledModel):
 
     def _unfit(self) -> Iterator[PydanticCustomError]:
         """Errors for problems that a study cannot use; loads problems only where it matters."""
-        yield from self._missed()
-        yield from self._beyond()
+        yield from self._out_of_time()
         if not (
             COMPENSATED in self.evaluation
             or STATIC in self.linear_solver
@@ -155,32 +154,27 @@ class _Rules(RuledModel):
         for values in product(*(values_of[name] for name in names)):
             yield dict(zip(names, values, strict=True))
 
-    def _missed(self) -> Iterator[PydanticCustomError]:
-        """Times of a trajectory that a march does not come to."""
-        if self.kept is None or not self.kept.at:
+    def _out_of_time(self) -> Iterator[PydanticCustomError]:
+        """Times of a trajectory that a march does not come to, and marches past a table's end."""
+        kept = self.kept
+        tabled = any(isinstance(spec, MechanismFile) for spec in self.problem)
+        if not tabled and (kept is None or not kept.at):
             return
         for spec, (sequence, h, steps) in product(self.problem, self._lengths()):
-            grid = TimeGrid.of(sequence, spec.traits().sample.t0, h, steps)
-            if (time := self.kept.outside(grid, steps)) is not None:
+            sample = spec.traits().sample
+            grid = TimeGrid.of(sequence, sample.t0, h, steps)
+            start, end = grid.t0, grid.t(steps)
+            if kept and (time := kept.outside(grid, steps)) is not None:
                 yield misfit(
                     "trajectory",
-                    f"{time:g} s is outside the march with h = {h:g}, {grid.t0:g} to "
-                    f"{grid.t(steps):g} s",
+                    f"{time:g} s is outside the march with h = {h:g}, {start:g} to {end:g} s",
                 )
-                return
-
-    def _beyond(self) -> Iterator[PydanticCustomError]:
-        """Marches that go on after the last time of a table in a mechanism file."""
-        files = (s for s in self.problem if isinstance(s, MechanismFile))
-        for spec, (sequence, h, steps) in product(files, self._lengths()):
-            until, end = spec.traits().sample.until, TimeGrid.of(sequence, 0.0, h, steps).t(steps)
-            if is_beyond(until, end):
+            if isinstance(spec, MechanismFile) and is_beyond(sample.until, end - start):
                 yield misfit(
                     "steps" if self.steps is not None else "t_end",
-                    f"must be at most {until:g} s, where a table of {spec.label} ends, given "
-                    f"{end:g} s",
+                    f"must be at most {sample.until:g} s, where a table of {spec.label} ends, "
+                    f"given {end - start:g} s",
                 )
-                return
 
     def _lengths(self) -> list[tuple[StepSequence, float, int]]:
         """Sequences, step sizes and steps; none where the march has no length."""
@@ -362,7 +356,6 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     mistakes.refuse(more=more)
     assert len(study.cases) == len(entries)
     _require_shown(document, study)
-    _refuse_repeated_names(document, study)
     lines = (document.line(("expect", i)) for i in range(len(study.expect or ())))
     study._expected_at = (document.name, tuple(filter(None, lines)))
     for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
@@ -483,28 +476,20 @@ def _refuse_repeated_labels(document: Document, cases: Mapping[int, Case]) -> No
 
 
 def _require_shown(document: Document, study: Study) -> None:
-    """Figures and tables must be of what the study measures."""
+    """Figures and tables must be of what the study measures, and figures must be files apart."""
     known: dict[str, Collection[str]] = {
         "measure": {name: None for case in study.cases for name in case.measure},
         "problem": {spec.label: None for case in study.cases for spec in case.problem},
         "form": {name: None for case in study.cases for name in case.form},
     }
-    shown: Iterable[tuple[str, int, RuledModel]] = chain(
-        (("figures", i, figure) for i, figure in enumerate(study.figures or ())),
-        (("tables", i, table) for i, table in enumerate(study.tables or ())),
-    )
-    for (kind, i, model), key in product(shown, known):
-        value = getattr(model, key) or ()
-        for name in (value,) if isinstance(value, str) else value:
-            needed = showable.needed(name) if key == "measure" else ()
-            if name not in known[key] and not set(needed) & set(known[key]):
-                near = nearest(name, known[key])
-                text = f"{name!r} is not among the study's{near}"
-                raise document.error((kind, i, key), text)
-
-
-def _refuse_repeated_names(document: Document, study: Study) -> None:
-    """Figures that would be one file."""
+    for kind, models in (("figures", study.figures or ()), ("tables", study.tables or ())):
+        for (i, model), key in product(enumerate(models), known):
+            value = getattr(model, key) or ()
+            for name in (value,) if isinstance(value, str) else value:
+                needed = showable.needed(name) if key == "measure" else ()
+                if name not in known[key] and not set(needed) & set(known[key]):
+                    text = f"{name!r} is not among the study's{nearest(name, known[key])}"
+                    raise document.error((kind, i, key), text)
     names = [figure.name for figure in study.figures or ()]
     for i, name in enumerate(names):
         if name is not None and name in names[:i]:

@@ -31,7 +31,6 @@ from newmark_cli.newmark.integrator import (
     Integrator,
     IntegratorError,
     parameters,
-    plain_label,
 )
 from newmark_cli.newmark.kept import KEEPABLE, Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
@@ -118,6 +117,7 @@ _EXAMPLES = {"beta": 0.25, "gamma": 0.5, "rho": 0.9, "alpha": 0.1}
 class MethodConfig(Valued):
     """A method and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
+    AXIS: ClassVar[Axis]
     METHODS: ClassVar[Iterable[str]] = ()
     method: str
 
@@ -130,16 +130,11 @@ class MethodConfig(Valued):
     @classmethod
     def _from_text(cls, data: Any) -> Any:
         if isinstance(data, str):
-            return cls._split(cls.plain(data))
+            return cls._split(cls.AXIS.read(data))
         if not isinstance(data, dict | cls):
             text = f"must be the name of a method, or a mapping such as {cls.example()}"
             raise PydanticCustomError("method", "{message}", {"message": text})
         return data
-
-    @classmethod
-    def plain(cls, text: str) -> str:
-        """A label from what tables and legends print of it."""
-        return text
 
     @classmethod
     def _split(cls, text: str) -> dict[str, Any]:
@@ -195,6 +190,7 @@ class MethodConfig(Valued):
 class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
+    AXIS = axes.named("integrator")
     METHODS = INTEGRATORS
     method: Annotated[str, Known("method", INTEGRATORS)] = "newmark"
     beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
@@ -214,11 +210,6 @@ class IntegratorConfig(MethodConfig):
     @classmethod
     def _by_another_name(cls, data: Any) -> Any:
         return {} if data == {"method": TRAPEZOIDAL_NAME} else data
-
-    @classmethod
-    def plain(cls, text: str) -> str:
-        """A label from what tables and legends print of it."""
-        return plain_label(text)
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
@@ -253,6 +244,7 @@ class IntegratorConfig(MethodConfig):
 class FormulationConfig(MethodConfig):
     """Which constraint rows are solved: a mapping, or text such as ``baumgarte rate=100``."""
 
+    AXIS = axes.named("formulation")
     METHODS = METHODS
     method: Annotated[str, Known("formulation", METHODS)] = INDEX_3
     rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
@@ -284,14 +276,8 @@ class FormulationConfig(MethodConfig):
 class ProjectionConfig(MethodConfig):
     """What is projected after each step: a mapping, or text such as ``velocity``."""
 
+    AXIS = axes.named("projection")
     METHODS = PROJECTIONS
-
-    @classmethod
-    def plain(cls, text: str) -> str:
-        """A label from what tables and legends print of it."""
-        text = axes.named("projection").named(text)
-        return text.replace(" projection", "").replace(" with ", " ")
-
     method: Annotated[str, Known("projection", PROJECTIONS)] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
@@ -411,7 +397,7 @@ class StopConfig(Valued):
         """Text such as ``absolute 1e-08`` or ``a relative 0.0001``, as CSVs have it."""
         if not isinstance(data, str):
             return data
-        words = data.removeprefix("tolerance ").replace("=", " ").split()
+        words = axes.named("stop").read(data).replace("=", " ").split()
         limits: dict[str, Any] = {}
         of = limits
         while words:

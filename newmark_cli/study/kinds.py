@@ -88,7 +88,7 @@ class Known:
         return {"type": "string", "enum": list(self.allowed)}
 
     def _check(self, name: str) -> str:
-        name = self.axis.named(name) if self.axis else name
+        name = self.axis.read(name) if self.axis else name
         if name not in self.allowed:
             raise unknown(self.kind, name, self.allowed)
         return name

@@ -208,20 +208,17 @@ def blas() -> dict[str, Any]:
     return {
         "numpy": _blas_of(np.show_config(mode="dicts")),
         "scipy": _blas_of(importlib.import_module("scipy").show_config(mode="dicts")),
-        "loaded": blas_loaded(),
+        "loaded": _listed(
+            " ".join(filter(None, (library["internal_api"], library["version"])))
+            for library in _loaded()
+        ),
         "kernel": blas_kernel(),
         "threads": {name: os.environ.get(name) for name in THREAD_VARIABLES},
     }
 
 
-def blas_loaded() -> str:
-    """Libraries of numpy and scipy that are loaded, with their versions."""
-    names = ((library["internal_api"], library["version"]) for library in _loaded())
-    return _listed(" ".join(filter(None, name)) for name in names)
-
-
 def blas_kernel() -> str:
-    """Type of processor that these libraries compute for, which decides their last digits.
+    """Type of processor that the loaded libraries compute for, which decides their last digits.
 
     They choose it as they are loaded, by the processor or by variables such as
     ``OPENBLAS_CORETYPE``; "unknown" where they do not tell.

@@ -5,7 +5,7 @@ import io
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,15 +151,6 @@ def trajectory_path(folder: Path, study: str, parquet: bool = False) -> Path:
 RUNS = "runs"
 #: Folders of what cells record over time; those but the last are of versions before 0.4.
 SERIES_FOLDERS = ("history", "drift", "trajectory")
-
-
-def told_apart(labels: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Columns besides `HISTORY_COLUMNS` in which a value does not go without saying."""
-    return [
-        axis.name
-        for axis in axes.cell_axes()
-        if axis.name in HISTORY_MAY_HAVE and any(label[axis.name] != axis.usual for label in labels)
-    ]
 
 
 def csv_text(columns: Iterable[str], table: Iterable[Mapping[str, Any]]) -> str:

@@ -53,7 +53,9 @@ def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> "pd
     components = dict.fromkeys(name for part in parts for name in part if name not in _LABELS)
     ordered = sorted(components, key=lambda name: KEEPABLE.index(name.partition("[")[0]))
     frame = pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
-    return frame[[*HISTORY_COLUMNS, *results.told_apart(labels), *ordered]]
+    return frame[
+        [*HISTORY_COLUMNS, *axes.present(HISTORY_MAY_HAVE, labels, HISTORY_MAY_HAVE), *ordered]
+    ]
 
 
 def csv(frame: "pd.DataFrame") -> str:

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import command_line
-import pytest
 from conftest import QUICK, rows_in
 from each import each
 
@@ -115,27 +114,23 @@ for arguments in commands:
 print(json.dumps(printed))
 """
 
-#: A new axis: how often a cell is repeated.  This field is the whole of it.
-REPEAT = (
-    "newmark_cli.study.axes",
-    "    stop: Tolerance | None = axis(\n",
-    """\
+#: A new axis, how often a cell is repeated; a new measure, the largest speed along the way; and a
+#: new column, how far the values of a row spread. These entries are the whole of them.
+ENTRIES = [
+    (
+        "newmark_cli.study.axes",
+        "    stop: Tolerance | None = axis(\n",
+        """\
     repeat: str = axis(
-        usual="1",
-        initial="1",
-        since=(6, 6),
-        names=("1", "second"),
-        about="names of repetitions",
+        usual="1", initial="1", since=(6, 6), names=("1", "second"), about="names of repetitions",
     )
     stop: Tolerance | None = axis(
 """,
-)
-
-#: A new measure: the largest speed along the way.  These two entries are the whole of it.
-SPEED = (
-    "newmark_cli.study.measures",
-    "_MEASURES = (\n",
-    """\
+    ),
+    (
+        "newmark_cli.study.measures",
+        "_MEASURES = (\n",
+        """\
 _MEASURES = (
     Measure(
         "speed",
@@ -144,11 +139,11 @@ _MEASURES = (
                 lambda key: 0.0, 0.1),),
     ),
 """,
-)
-SEEN = (
-    "newmark_cli.study.observers",
-    "#: Measure → its observer.\n",
-    """\
+    ),
+    (
+        "newmark_cli.study.observers",
+        "#: Measure → its observer.\n",
+        """\
 class _Speed(_Sampler):
     def sample(self, march):
         return float(np.abs(march.state.fields[1]).max())
@@ -159,13 +154,11 @@ class _Speed(_Sampler):
 
 MappingProxyType = lambda table: {**table, "speed": _Speed}
 """,
-)
-
-#: A new column: how far the values of a row spread.  This entry is the whole of it.
-SPREAD = (
-    "newmark_cli.study.results",
-    "_AXES = (\n",
-    """\
+    ),
+    (
+        "newmark_cli.study.results",
+        "_AXES = (\n",
+        """\
 MEASURED = (
     *MEASURED,
     Column(
@@ -175,78 +168,49 @@ MEASURED = (
 )
 _AXES = (
 """,
-)
+    ),
+]
 
-AXIS, MEASURE = "axis.yaml", "measure.yaml"
 
-
-@pytest.fixture(scope="module")
-def changed(tmp_path_factory, committed_folder):
-    """A folder where a new axis and a new measure were used, and what each command printed."""
-    folder = tmp_path_factory.mktemp("changed")
-    text = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-2, 1e-3, 1e-4]")
-    text = text.replace("t_end: 1.0", "t_end: 0.1") + "measure: condition\n"
-    (folder / AXIS).write_text(text + 'repeat: ["1", second]\n')
-    text = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-2, 5e-3, 2e-3]")
-    (folder / MEASURE).write_text(text.replace("t_end: 1.0", "t_end: 2.0") + "measure: speed\n")
-    (folder / "old").mkdir()
-    shutil.copy(committed_folder / "pendulum-u.csv", folder / "old")
-    at = ("--results", "speed")
-    commands = {
-        "axis, run": ("run", AXIS, "-v"),
-        "axis, again": ("run", AXIS),
-        "axis, check": ("check", "--json"),
-        "axis, older": ("check", "--json", "--results", "old"),
-        "measure, run": ("run", MEASURE, *at),
-        "measure, check": ("check", "--json", *at),
-        "measure, all": ("check", "--all", *at),
-    }
-    asked = json.dumps([[REPEAT, SPEED, SEEN, SPREAD], [*commands.values()]])
+def test_an_axis_a_measure_and_a_column_are_an_entry_each(cli, tmp_path, committed_folder):
+    """Configs, cells, CSVs, records, predictions and verdicts follow from the entries."""
+    text = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-2, 5e-3, 2e-3]").replace("t_end: 1", "t_end: 2")
+    (tmp_path / "new.yaml").write_text(text + 'measure: speed\nrepeat: ["1", second]\n')
+    (tmp_path / "old").mkdir()
+    shutil.copy(committed_folder / "pendulum-u.csv", tmp_path / "old")
+    commands = (
+        ("run", "new.yaml", "-v"), ("run", "new.yaml"), ("check", "--json"), ("check", "--all"),
+        ("check", "--json", "--results", "old"),
+    )  # fmt: skip
     done = subprocess.run(
-        [sys.executable, "-c", CHANGED, asked], cwd=folder, capture_output=True, text=True,
+        [sys.executable, "-c", CHANGED, json.dumps([ENTRIES, commands])],
+        cwd=tmp_path, capture_output=True, text=True,
         env=os.environ | {"PYTHONPATH": str(Path(command_line.__file__).parent)},
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    return folder, dict(zip(commands, json.loads(done.stdout), strict=True))
-
-
-def test_a_new_axis_touches_one_file(cli, changed):
-    folder, printed = changed
-    assert "pendulum u-lambda optimal second h=0.001 steps=100" in printed["axis, run"][1]
-    rows = rows_in(folder / "results/quick.csv")
+    ran, again, checked, every, older = json.loads(done.stdout)
+    assert "pendulum u-lambda optimal second h=0.005 steps=400" in ran[1]
+    assert "12 cached" in again[0]
+    rows = rows_in(tmp_path / "results/quick.csv")
     # Columns of what seldom varies are there where it does.
     seldom = ",h_sequence,auxiliary"
     assert ",".join(rows[0]) == STUDY_COLUMNS.removesuffix(seldom) + ",repeat,spread"
-    assert {row["repeat"] for row in rows} == {"1", "second"}
-    record = json.loads((folder / "results/quick.json").read_text())
-    assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
-    # Kept cells know it, and so do slopes.
-    assert "12 cached" in printed["axis, again"][0]
-    checked = json.loads(printed["axis, check"][0])
-    assert [row["repeat"] for row in checked] == ["1", "1", "second", "second"]
-    # A CSV that lacks the column has the value that goes without saying.
-    assert {row["repeat"] for row in json.loads(printed["axis, older"][0])} == {"1"}
-    # Without it the key is refused.
-    assert "unknown key" in cli.refused("validate", folder / AXIS)
-
-
-def test_a_new_column_touches_one_file(changed):
-    """It stands behind the others, and a CSV that lacks it is read (as "axis, older" was)."""
-    folder, printed = changed
-    for row in rows_in(folder / "results/quick.csv"):
+    assert {(row["measure"], row["repeat"]) for row in rows} == {
+        ("speed", "1"),
+        ("speed", "second"),
+    }
+    for row in rows:
         assert float(row["spread"]) == float(row["max"]) / float(row["median"])
-    assert json.loads(printed["axis, older"][0])
-
-
-def test_a_new_measure_is_two_entries(cli, changed):
-    """Config, CSV, prediction and verdict follow from its record, values from its observer."""
-    folder, printed = changed
-    rows = rows_in(folder / "speed/quick.csv")
-    assert {row["measure"] for row in rows} == {"speed"}
-    # The pendulum falls by 1 at most: |v| <= √2, and one component by that at the bottom.
-    assert all(1.3 < float(row["max"]) < 1.4143 for row in rows)
-    checked = json.loads(printed["measure, check"][0])
-    assert [(row["verdict"], row["expected"]) for row in checked] == [("pass", 0.0)] * 2
-    assert "max |v|" in printed["measure, all"][0]
-    assert "2 of 2 slopes as predicted" in printed["measure, all"][0]
-    assert "unknown measure 'speed'" in cli.refused("validate", folder / MEASURE)
+        # The pendulum falls by 1 at most: |v| <= √2, and one component by that at the bottom.
+        assert 1.3 < float(row["max"]) < 1.4143
+    record = json.loads((tmp_path / "results/quick.json").read_text())
+    assert {cell["repeat"] for cell in record["cells"]} == {"1", "second"}
+    found = [(s["repeat"], s["verdict"], s["expected"]) for s in json.loads(checked[0])]
+    assert found == [(repeat, "pass", 0.0) for repeat in ("1", "1", "second", "second")]
+    assert "max |v|" in every[0]
+    # A CSV that lacks the columns has the values that go without saying.
+    assert {row["repeat"] for row in json.loads(older[0])} == {"1"}
+    # Without the entries names are refused.
+    done = cli("validate", tmp_path / "new.yaml", code=2)
+    assert "repeat: unknown key" in done.stderr
+    assert "unknown measure 'speed'" in done.stderr

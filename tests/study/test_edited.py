@@ -74,29 +74,19 @@ KINDS = {
 }
 
 
-def digest(file):
-    """SHA-256 of a file."""
-    return hashlib.sha256(file.read_bytes()).hexdigest()
-
-
 def written(folder, files):
     """The files in a folder."""
     for name, text in files.items():
         (folder / name).write_text(text)
 
 
-def rewritten(file, text):
-    """The same file, as large and as old as before."""
-    times = file.stat()
-    file.write_text(text)
-    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
-
-
-def edited(folder, kind, edit=rewritten):
-    """Edit the file of a kind."""
+def edited(folder, kind):
+    """Edit the file of a kind, which stays as large and as old as it was."""
     _, files, name, (old, new), _ = KINDS[kind]
     assert files[name].count(old) == 1
-    edit(folder / name, files[name].replace(old, new))
+    times = (folder / name).stat()
+    (folder / name).write_text(files[name].replace(old, new))
+    os.utime(folder / name, ns=(times.st_atime_ns, times.st_mtime_ns))
 
 
 def study(kind):
@@ -118,47 +108,38 @@ def at_start(frame, kind):
 
 
 @each("kind", KINDS)
-def test_studies(tmp_path, monkeypatch, kind):
-    """Given as a dict or as a file, into one folder of results: what was read is recorded."""
-    monkeypatch.chdir(tmp_path)
-    files = KINDS[kind][1]
-    written(tmp_path, files | {"s.yaml": json.dumps(study(kind))})
-    found = []
-    for change, given in ((None, study(kind)), (edited, "s.yaml")):
-        if change:
-            change(tmp_path, kind)
-        found.append(at_start(newmark.run(given, allow_code=True, results="out"), kind))
-        (recorded,) = json.loads((tmp_path / "out/s.json").read_text())["problem_files"].values()
-        assert recorded == {file: digest(tmp_path / file) for file in files}
-    assert found[1] == pytest.approx(2 * found[0], rel=1e-12)
-    assert len(list((tmp_path / "out/cells").iterdir())) == 2
+def test_runs_are_of_what_was_read(tmp_path, monkeypatch, kind):
+    """One content throughout, which the record names; the next run is of the other.
 
-
-def run_edited(folder, monkeypatch, kind, **options):
-    """Rows of a study whose file is edited after the study was read."""
+    Given as a dict or as a file, into one folder of results.
+    """
     begin = runner.run_studies
 
     def late(*arguments):
-        edited(folder, kind)
+        edited(tmp_path, kind)
         return begin(*arguments)
 
-    monkeypatch.chdir(folder)
-    written(folder, KINDS[kind][1])
+    def recorded():
+        """Checksum of the edited file as the record has it."""
+        (files,) = json.loads((tmp_path / "out/s.json").read_text())["problem_files"].values()
+        assert files.keys() == KINDS[kind][1].keys()
+        return files[name]
+
+    monkeypatch.chdir(tmp_path)
+    _, files, name, *_ = KINDS[kind]
+    written(tmp_path, files | {"s.yaml": json.dumps(study(kind))})
     with monkeypatch.context() as patched:
         patched.setattr(runner, "run_studies", late)
-        return newmark.run(study(kind), allow_code=True, results="out", **options)
-
-
-@each("kind", KINDS)
-def test_runs_are_of_what_was_read(tmp_path, monkeypatch, kind):
-    """One content throughout, which the record names; the next run is of the other."""
-    late = at_start(run_edited(tmp_path, monkeypatch, kind, jobs=1), kind)
-    (recorded,) = json.loads((tmp_path / "out/s.json").read_text())["problem_files"].values()
-    _, files, name, *_ = KINDS[kind]
-    text = files[name].encode()
-    assert recorded[name] == hashlib.sha256(text).hexdigest() != digest(tmp_path / name)
-    after = at_start(newmark.run(study(kind), allow_code=True, results="out"), kind)
-    assert after == pytest.approx(2 * late, rel=1e-12)
+        frame = newmark.run(study(kind), allow_code=True, results="out", jobs=1)
+    before, now = (
+        hashlib.sha256(content).hexdigest()
+        for content in (files[name].encode(), (tmp_path / name).read_bytes())
+    )
+    assert recorded() == before != now
+    after = newmark.run("s.yaml", allow_code=True, results="out")
+    assert at_start(after, kind) == pytest.approx(2 * at_start(frame, kind), rel=1e-12)
+    assert recorded() == now
+    assert len(list((tmp_path / "out/cells").iterdir())) == 2
 
 
 @each("kind", ["force", "module of a force", "python", "module"])

@@ -129,38 +129,30 @@ def installed(checkout, monkeypatch):
     return package
 
 
-def test_no_commit_of_another_project(installed, monkeypatch):
-    """A package that was installed below somebody's checkout does not have its commit."""
-    monkeypatch.setattr(provenance, "_installed_commit", lambda: None)
-    assert source() == {"commit": None, "modified": None}
-
-
 @pytest.mark.parametrize(
     ("noted", "commit"),
     [
         ('{"url": "https://a/b", "vcs_info": {"vcs": "git", "commit_id": "c0ffee"}}', "c0ffee"),
         ('{"url": "file:///a", "dir_info": {}}', None),
-        ("[]", None),
         ("{", None),
         (None, None),
     ],
 )
 def test_commit_of_an_installed_package(installed, monkeypatch, noted, commit):
-    """What the installer noted, and without git on the path."""
+    """What the installer noted, if anything; never that of somebody's checkout above it."""
 
     class Installed:
         def read_text(self, name):
             return noted if name == "direct_url.json" else None
 
-    monkeypatch.setenv("PATH", "")
     monkeypatch.setattr(provenance, "distribution", lambda name: Installed())
     assert source() == {"commit": commit, "modified": None}
 
 
-@pytest.mark.parametrize("modified", [False, True, None])
-def test_stamped_commit_of_an_installed_package(installed, monkeypatch, modified):
-    """The stamp says more than the installer, who does not know of changes."""
-    stamp = {"commit": "c0ffee", "modified": modified}
+def test_stamped_commit_of_an_installed_package(installed, monkeypatch):
+    """The stamp says more than the installer, who does not know of changes; git is not needed."""
+    monkeypatch.setenv("PATH", "")
+    stamp = {"commit": "c0ffee", "modified": True}
     (installed / checkout_of_code.STAMP).write_text(json.dumps(stamp))
     monkeypatch.setattr(provenance, "_installed_commit", lambda: "decaf")
     assert source() == stamp
@@ -215,8 +207,6 @@ def test_check_notices_what_was_not_written(cli, copied):
     assert "results/quick.csv: differs from its record" in told
     found = json.loads(cli("check", "--json", code=1).stdout)
     assert found[-1] == {"file": "results/quick.csv", "finding": "differs from its record"}
-    (copied / "quick.json").unlink()
-    assert "not what was written" not in cli("check", code=1).stdout
 
 
 def test_records_of_another_run_are_left_out(cli, copied):

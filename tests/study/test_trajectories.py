@@ -15,6 +15,7 @@ from each import each
 
 import newmark_cli as newmark
 from newmark_cli.report.reading import records
+from newmark_cli.running import runner
 from newmark_cli.study import compute, config, trajectories
 
 STUDY = """\
@@ -191,6 +192,9 @@ def test_parquet_has_the_same_bits(ran):
         assert found[column].tolist() == before[column].tolist()
     other = pd.read_parquet(folder / "trajectory/swing.parquet")
     assert other["lambda[bars.rod]"].tolist() == before["lambda[bars.rod]"].tolist()
+    (folder / "trajectory/swing.parquet").write_bytes(b"PAR1" + bytes(40) + b"PAR1")
+    with pytest.raises(newmark.InputError, match=r"swing\.parquet: not Parquet: .+$"):
+        newmark.trajectories(folder, "swing")
     ran("run", "swing.yaml")
     assert [path.name for path in (folder / "trajectory").iterdir()] == ["swing.csv"]
 
@@ -198,25 +202,9 @@ def test_parquet_has_the_same_bits(ran):
 def test_parquet_without_pyarrow_is_refused_before_anything_runs(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    from newmark_cli.running import runner
-
-    for call in (lambda: runner.run_studies([], tmp_path / "r", runner.Options(1, parquet=True)),):
-        with pytest.raises(newmark.InputError) as caught:
-            call()
-        assert str(caught.value) == (
-            "--trajectories parquet needs pyarrow; install it with: "
-            "pip install 'newmark-study[parquet]'"
-        )
+    with pytest.raises(newmark.InputError, match=r"pip install 'newmark-study\[parquet\]'$"):
+        runner.run_studies([], tmp_path / "r", runner.Options(1, parquet=True))
     assert not (tmp_path / "r").exists()
-
-
-def test_damaged_parquet(ran):
-    pytest.importorskip("pyarrow")
-    ran("run", "swing.yaml", "--trajectories", "parquet")
-    (ran.folder / "results/trajectory/swing.parquet").write_bytes(b"PAR1" + bytes(40) + b"PAR1")
-    with pytest.raises(newmark.InputError, match=r"swing\.parquet: not Parquet: .+") as caught:
-        newmark.trajectories(ran.folder / "results", "swing")
-    assert "\n" not in str(caught.value)
 
 
 def test_the_frame_of_a_run_has_its_trajectories(ran):
@@ -246,16 +234,12 @@ def test_mistakes_of_callers(tmp_path, monkeypatch, call, words):
 
 @each("given, words", [
         ("{every: 0}", "trajectory.every: must be greater than or equal to 1, given 0"),
-        ("{every: -3}", "trajectory.every: must be greater than or equal to 1"),
-        ("{every: 1.5}", "trajectory.every"),
         ("{every: 2, at: 0.5}", "trajectory.at: give either every or at, not both"),
         ("{at: []}", "trajectory.at"),
         ("{at: [0.5, 1.5]}",
          "trajectory: 1.5 s is outside the march with h = 0.01, 0 to 1 s"),
-        ("{at: -0.1}", "trajectory: -0.1 s is outside the march"),
         ("{at: [0.5, 0.5]}", "given twice"),
         ("{keep: [u, w]}", "trajectory.keep[2]: unknown name 'w'; allowed: u, v,"),
-        ("{keep: []}", "trajectory.keep"),
         ("{evry: 2}", "trajectory.evry: unknown key; did you mean 'every'?"),
         ("3", "trajectory"),
     ])  # fmt: skip
@@ -272,13 +256,10 @@ def test_trajectories_that_no_memory_holds_are_refused(cli):
     cli.write("swing.yaml", text.replace("{every: 30}", "{every: 1}"))
     # Step, time, two components of u, v and a, one of λ, the energy; both ends.
     count = (1_000_000 + 1) * (2 + 3 * 2 + 1 + 1)
-    assert cli.refused("run", "swing.yaml") == (
+    assert cli.refused("validate", "swing.yaml") == (
         f"newmark-study: swing.yaml, line 8: trajectory: trajectory of {count} numbers in all "
         "cases, at most 5000000; keep fewer steps, or less of each"
     )
-    assert not (cli.folder / "results").exists()
-    cli.write("swing.yaml", text.replace("{every: 30}", "{every: 1, keep: lambda}"))
-    cli("validate", "swing.yaml")
     cases = "".join(f"  - {{h: {h}, trajectory: {{keep: lambda}}}}\n" for h in ("1e-6", "9e-7"))
     lines = [line for line in text.splitlines(True) if line[:2] not in ("h:", "tr")]
     cli.write("swing.yaml", "".join(lines) + "cases:\n" + cases)
