@@ -23,7 +23,8 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
-from newmark_cli.study.axes import TRAPEZOIDAL, SeriesKey
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.axis import TRAPEZOIDAL
 from newmark_cli.study.entries import ExpectConfig, FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDED
 from newmark_cli.study.reading import study_files

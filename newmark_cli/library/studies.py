@@ -12,6 +12,7 @@ from newmark_cli.library import arguments
 from newmark_cli.report.reading import records
 from newmark_cli.study import axes, config, reading, results
 from newmark_cli.study import trajectories as kept
+from newmark_cli.study.axis import ALIASES
 from newmark_cli.study.config import Study
 from newmark_cli.study.subjects import Surroundings
 from newmark_cli.support import files
@@ -232,7 +233,7 @@ def plot(
 
     sides = _sides(size)
     choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
-    choice = {axes.ALIASES.get(name, name): value for name, value in choice.items()}
+    choice = {ALIASES.get(name, name): value for name, value in choice.items()}
     for name, value in choice.items():
         arguments.one_of("argument", name, ("measure", *choosable))
         if not isinstance(value, str):

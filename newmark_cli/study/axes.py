@@ -10,8 +10,8 @@ that is not one of its names, stands in `newmark_cli.study.keys`.
 """
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, is_dataclass
 from functools import cache
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -37,7 +37,6 @@ from newmark_cli.newmark.integrator import (
     RESCALE_VELOCITY,
     TRAPEZOIDAL_NAME,
     Integrator,
-    Newmark,
     plain_label,
 )
 from newmark_cli.newmark.kept import Kept
@@ -45,6 +44,21 @@ from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylo
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, canonical
 from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
+from newmark_cli.study.axis import (
+    ALIASES,
+    MULTIPLIERS,
+    SYMBOLS,
+    TRAPEZOIDAL,
+    Axis,
+    axes_of,
+    axis,
+    form_text,
+    integrator_text,
+    measure_text,
+    measures_of,
+    projection_text,
+    setting,
+)
 
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.spec import ProblemSpec
@@ -52,161 +66,7 @@ if TYPE_CHECKING:
 #: Names of studies, and so of their files.
 STUDY_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
-TRAPEZOIDAL = Newmark().label
 SATURATION = "saturation"
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One way in which cells, rows or series differ.
-
-    Attributes:
-        name: Attribute of `Cell` or `RowAxes`, key of configs, and column of CSVs.
-        title: How tables for people head it.
-        write: Its value in a CSV: text or a number, from the cell or the row.
-        usual: Value that goes without saying in texts, and that a CSV has which lacks
-            the column; None where there is no such value.
-        same: What all spellings of one value in a CSV have in common.
-        names: Values that have a name; others are written out.
-        text: A value, as CSVs have it, as legends and titles have it.
-        plain: A value as CSVs have it, from what legends make of one without a name.
-        also: What else a value may be called, where one is typed.
-        column: Whether CSVs have a column of its name.
-        series: Whether it tells series apart.
-        cell: Whether it tells cells of a study apart.
-        computed: Whether it is part of what is computed, and so of a kept cell's key.
-        inner: Whether it varies inside the axes that are not, in a study's order of cells.
-        since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
-            brought it: columns are appended, never moved.
-        default: What a config that lacks the key means.
-        about: What the key means, for JSON Schema and the docs.
-        shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
-        rare: Whether CSVs have the column only where a value does not go without saying.
-        many: Whether a config may give several values, which then span a grid.
-        value: Value of a cell from one of the config's.
-    """
-
-    name: str
-    title: str
-    write: Callable[[Any], Any]
-    usual: str | None = None
-    same: Callable[[str], str] = str
-    names: Collection[str] = ()
-    text: Callable[[str], str] = str
-    plain: Callable[[str], str] = str
-    also: Callable[[str], Collection[str]] = lambda value: ()
-    column: bool = True
-    series: bool = True
-    cell: bool = True
-    computed: bool = True
-    inner: bool = False
-    since: tuple[int, int] = (3, 3)
-    default: Any = ...
-    about: str = ""
-    shows: str = ""
-    rare: bool = False
-    many: bool = True
-    value: Callable[[Any], Any] = lambda key: key.value() if hasattr(key, "value") else key
-
-    def values(self, case: Any) -> tuple[Any, ...]:
-        """Values of the cells of a case along the axis."""
-        listed = getattr(case, self.name)
-        return tuple(map(self.value, listed if self.many else (listed,)))
-
-    def read(self, word: str) -> str:
-        """A value as CSVs have it, from what legends make of it; another word as it is."""
-        word = self.plain(word)
-        return next((name for name in self.names if self.text(name) == word), word)
-
-    def means(self, word: str, value: str) -> bool:
-        """Whether a word is a value that a CSV has, as CSVs or people write it."""
-        words = (value, self.text(value), *self.also(value)) if value else ()
-        return word in words or (value != "" and self.same(word) == value)
-
-
-def axis(
-    title: str = "", *, write: Callable[[Any], Any] | None = None, compare: bool = True, **rest: Any
-) -> Any:
-    """A field of a dataclass that is an axis; see `Axis`.
-
-    Args:
-        title: As of the axis; its name when omitted.
-        write: As of the axis; the attribute's value as it is when omitted.
-        compare: Whether cells that differ in it are different cells.
-        rest: Further attributes of the axis; `initial`, its value in a cell that is not given one,
-            is its usual and default value, too, unless these are given.
-    """
-    initial = rest.pop("initial", ...)
-    options: dict[str, Any] = {} if initial is ... else {"default": initial}
-    if options and rest.get("many", True):
-        rest = {"usual": label(initial), "default": label(initial), **rest}
-    elif options:
-        rest = {"default": initial, **rest}
-    return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
-
-
-def setting(about: str, **rest: Any) -> Any:
-    """A field of a cell that is the same in all of a case: no series differ in it."""
-    return axis(about=about, series=False, cell=False, many=False, **rest)
-
-
-def _axes(of: type) -> tuple[Axis, ...]:
-    return tuple(_axis(declared.name, dict(declared.metadata)) for declared in fields(of))
-
-
-def _axis(name: str, declared: dict[str, Any]) -> Axis:
-    title, write = declared.pop("title") or name, declared.pop("write")
-    return Axis(name, title, write or (lambda owner: label(getattr(owner, name))), **declared)
-
-
-def label(value: Any) -> Any:
-    """A value as CSVs spell it."""
-    return getattr(value, "label", value)
-
-
-# -- values in words --------------------------------------------------------------------------
-
-_METHODS = {
-    "newmark": "Newmark",
-    "generalized-alpha": "generalized-α",
-    "hht": "HHT",
-    "bdf1": "BDF1",
-    "bdf2": "BDF2",
-}
-_PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
-_MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
-#: Symbols of quantities.
-SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
-
-
-def _integrator_text(label: str) -> str:
-    if label == TRAPEZOIDAL:
-        return TRAPEZOIDAL_NAME
-    method, *parameters = label.split()
-    pairs = (part.partition("=") for part in parameters)
-    texts = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
-    return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
-
-
-def _form_text(form: str) -> str:
-    return f"({', '.join('λ' if part == 'lambda' else part for part in form.split('-'))}) form"
-
-
-def _projection_text(label: str) -> str:
-    method, _, rest = label.partition(" ")
-    named = "no projection" if method == "none" else f"{method} projection"
-    return named + (f" with {rest}" if rest else "")
-
-
-def _measure_text(measure: str) -> str:
-    return measure.replace("_", " ").replace("work-precision", "work and precision")
-
-
-def _measures_of(record: str) -> list[str]:
-    """Measures that give rows of a kind."""
-    from newmark_cli.study.measures import MEASURES
-
-    return [name for name, of in MEASURES.items() if record in (row.name for row in of.records)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +83,7 @@ class Cell:
         usual=TRAPEZOIDAL,
         since=(0, 1),
         names=(*INTEGRATORS, TRAPEZOIDAL_NAME),
-        text=_integrator_text,
+        text=integrator_text,
         plain=plain_label,
         also=lambda label: label.split()[:1],
         default="newmark",
@@ -234,7 +94,7 @@ class Cell:
         since=(0, 0),
         inner=True,
         names=FORMS,
-        text=_form_text,
+        text=form_text,
         about="name of a form, or a list",
         shows="the form, by the unknowns that it keeps",
     )
@@ -286,7 +146,7 @@ class Cell:
         initial=UNPROJECTED,
         since=(4, 4),
         names=PROJECTIONS,
-        text=_projection_text,
+        text=projection_text,
         plain=lambda text: (
             text.replace("no projection", "none").replace(" projection", "").replace(" with ", " ")
         ),
@@ -299,7 +159,7 @@ class Cell:
         initial=AUTO,
         since=(4, 4),
         names=REPORTED,
-        text=lambda label: _MULTIPLIERS.get(label, label),
+        text=lambda label: MULTIPLIERS.get(label, label),
         also=lambda label: (AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
@@ -451,8 +311,8 @@ class RowAxes:
         since=(0, 0),
         cell=False,
         computed=False,
-        text=_measure_text,
-        also=_measures_of,
+        text=measure_text,
+        also=measures_of,
         shows="what was measured, see the measures",
     )
     role: str = axis(
@@ -491,13 +351,13 @@ INITIAL = Axis(
 @cache
 def cell_axes() -> tuple[Axis, ...]:
     """Every axis and setting of cells, in the order of the declaration."""
-    return _axes(Cell)
+    return axes_of(Cell)
 
 
 @cache
 def row_axes() -> tuple[Axis, ...]:
     """Axes of the rows of one cell."""
-    return _axes(RowAxes)
+    return axes_of(RowAxes)
 
 
 @cache
@@ -587,12 +447,12 @@ class SeriesKey:
                 ``steps``, where it is given, says whether it was measured at the start.
         """
         labels = []
-        for axis in series_axes():
-            if axis is INITIAL and "initial" not in row:
+        for of in series_axes():
+            if of is INITIAL and "initial" not in row:
                 labels.append(INITIAL.write(row.get("steps", 1)))
             else:
-                label = row[axis.name] if axis.usual is None else row.get(axis.name, axis.usual)
-                labels.append(axis.same(str(label)))
+                label = row[of.name] if of.usual is None else row.get(of.name, of.usual)
+                labels.append(of.same(str(label)))
         return cls(tuple(labels))
 
     def __getattr__(self, name: str) -> str:
@@ -614,10 +474,6 @@ class SeriesKey:
             for axis, value in zip(series_axes(), self.values, strict=True)
             if axis.name not in said and value and value != axis.usual
         ]
-
-
-#: Another name of an axis, where one is typed.
-ALIASES = {"scaling": "preconditioning"}
 
 
 def appended(columns: Iterable[tuple[int, str]]) -> tuple[str, ...]:

@@ -35,7 +35,8 @@ from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_un
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import axes, fitting, keys, showable
 from newmark_cli.study import shipped as _shipped
-from newmark_cli.study.axes import Axis, Cell
+from newmark_cli.study.axes import Cell
+from newmark_cli.study.axis import ALIASES, Axis
 from newmark_cli.study.entries import Expectations, Figures, Tables
 from newmark_cli.study.kinds import MOST_STEPS, Name
 from newmark_cli.study.measures import MEASURES, Measure
@@ -329,7 +330,7 @@ def load(
 
 def parse(document: Document, around: Surroundings | None = None) -> Study:
     """Study from a document; see :func:`load`."""
-    document = document.renamed(axes.ALIASES, frozenset(("problem",)))
+    document = document.renamed(ALIASES, frozenset(("problem",)))
     data = document.data
     if not isinstance(data, dict):
         raise document.error((), "must be a mapping of keys to values, such as 'study: my-study'")

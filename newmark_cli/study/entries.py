@@ -26,7 +26,8 @@ from pydantic_core import CoreSchema, PydanticCustomError
 
 from newmark_cli.newmark.forms import ROWS
 from newmark_cli.study import axes, keys, showable
-from newmark_cli.study.axes import Axis, SeriesKey
+from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.axis import ALIASES, Axis, label
 from newmark_cli.study.cell import STATUSES
 from newmark_cli.study.kinds import Known, Name, OneLine, OneOrMore, Positive, Word
 from newmark_cli.study.measures import RECORDED, RECORDS
@@ -42,9 +43,7 @@ _AXES = tuple(axis for axis in axes.cell_axes() if axis.cell and axis.series)
 LABELLED = object()
 
 #: Reads an alias of an axis as the axis.
-_ALIAS = BeforeValidator(
-    lambda axis: axes.ALIASES.get(axis, axis) if isinstance(axis, str) else axis
-)
+_ALIAS = BeforeValidator(lambda axis: ALIASES.get(axis, axis) if isinstance(axis, str) else axis)
 _Compared = OneOrMore[Annotated[str, _ALIAS, Known("axis", showable.COMPARABLE)]]
 _Tabulated = OneOrMore[Annotated[str, _ALIAS, Known("axis", showable.TABULATED)]]
 _TableValues = OneOrMore[Annotated[str, Known("value", showable.VALUES)]]
@@ -121,7 +120,7 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
 
 def _label(axis: Axis, value: Any) -> str:
     """A value of a cell as the CSV has it, where it does not depend on other axes."""
-    return axis.same(str(axis.usual if value is None else getattr(value, "label", value)))
+    return axis.same(str(axis.usual if value is None else label(value)))
 
 
 def _series_keys() -> dict[str, Any]:

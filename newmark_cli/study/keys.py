@@ -43,7 +43,8 @@ from newmark_cli.newmark.scheme import (
 )
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
 from newmark_cli.study import axes
-from newmark_cli.study.axes import SATURATION, Axis
+from newmark_cli.study.axes import SATURATION
+from newmark_cli.study.axis import Axis
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
 from newmark_cli.study.kinds import (
     MOST_STEPS,
@@ -397,19 +398,17 @@ class StopConfig(Valued):
         """Text such as ``absolute 1e-08`` or ``a relative 0.0001``, as CSVs have it."""
         if not isinstance(data, str):
             return data
-        words = axes.named("stop").read(data).replace("=", " ").split()
+        words = iter(axes.named("stop").read(data).replace("=", " ").split())
         limits: dict[str, Any] = {}
         of = limits
-        while words:
-            word = words.pop(0)
+        for word in words:
             if word.endswith(RESIDUAL):
                 limits["test"] = word
             elif word in (*FIELDS, "lambda"):
                 of = limits[word] = {}
-            elif word in ("absolute", "relative"):
-                of[word] = documents.plain(words.pop(0)) if words else None
             else:
-                limits[word] = documents.plain(words.pop(0)) if words else None
+                into = of if word in ("absolute", "relative") else limits
+                into[word] = documents.plain(next(words, ""))
         return limits
 
     @property

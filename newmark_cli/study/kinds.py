@@ -21,7 +21,8 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.study import axes
-from newmark_cli.study.axes import STUDY_NAME, Axis
+from newmark_cli.study.axes import STUDY_NAME
+from newmark_cli.study.axis import Axis
 from newmark_cli.study.measures import MEASURES
 from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Number

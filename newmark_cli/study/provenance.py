@@ -18,6 +18,7 @@ import numpy as np
 import newmark_cli
 from newmark_cli.study import axes, checkout, reading, results, shipped
 from newmark_cli.study.axes import Cell, cell_axes
+from newmark_cli.study.axis import label
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.checkout import Source
 from newmark_cli.support.processors import usable
@@ -73,7 +74,7 @@ def resolved(study: "Study") -> dict[str, Any]:
     for case, recorded in zip(study.cases, config["cases"], strict=True):
         # As in CSVs, so that a new axis changes no record that has nothing of it.
         for axis in cell_axes():
-            if axis.rare and [axes.label(of) for of in axis.values(case)] == [axis.usual]:
+            if axis.rare and [label(of) for of in axis.values(case)] == [axis.usual]:
                 del recorded[axis.name]
     return config
 

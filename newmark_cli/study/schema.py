@@ -11,7 +11,7 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from newmark_cli.mechanisms.models import Mechanism
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism
-from newmark_cli.study.axes import ALIASES
+from newmark_cli.study.axis import ALIASES
 from newmark_cli.study.config import MOST_CASES, Study
 from newmark_cli.support.json_schema import JsonSchema
 

@@ -17,7 +17,7 @@ from newmark_cli.report.judging.verdicts import (
     UNDECIDED,
 )
 from newmark_cli.report.reading.words import quantity
-from newmark_cli.study.axes import TRAPEZOIDAL
+from newmark_cli.study.axis import TRAPEZOIDAL
 
 #: Undecided series that are named one by one where one thing is to be said of all.
 _MOST_ALIKE = 3

@@ -1,0 +1,169 @@
+"""One axis of a study: what tells values along it apart, and how files and people write them."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from newmark_cli.newmark.integrator import TRAPEZOIDAL_NAME, Newmark
+
+TRAPEZOIDAL = Newmark().label
+#: Another name of an axis, where one is typed.
+ALIASES = {"scaling": "preconditioning"}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One way in which cells, rows or series differ.
+
+    Attributes:
+        name: Attribute of `Cell` or `RowAxes`, key of configs, and column of CSVs.
+        title: How tables for people head it.
+        write: Its value in a CSV: text or a number, from the cell or the row.
+        usual: Value that goes without saying in texts, and that a CSV has which lacks
+            the column; None where there is no such value.
+        same: What all spellings of one value in a CSV have in common.
+        names: Values that have a name; others are written out.
+        text: A value, as CSVs have it, as legends and titles have it.
+        plain: A value as CSVs have it, from what legends make of one without a name.
+        also: What else a value may be called, where one is typed.
+        column: Whether CSVs have a column of its name.
+        series: Whether it tells series apart.
+        cell: Whether it tells cells of a study apart.
+        computed: Whether it is part of what is computed, and so of a kept cell's key.
+        inner: Whether it varies inside the axes that are not, in a study's order of cells.
+        since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
+            brought it: columns are appended, never moved.
+        default: What a config that lacks the key means.
+        about: What the key means, for JSON Schema and the docs.
+        shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
+        rare: Whether CSVs have the column only where a value does not go without saying.
+        many: Whether a config may give several values, which then span a grid.
+        value: Value of a cell from one of the config's.
+    """
+
+    name: str
+    title: str
+    write: Callable[[Any], Any]
+    usual: str | None = None
+    same: Callable[[str], str] = str
+    names: Collection[str] = ()
+    text: Callable[[str], str] = str
+    plain: Callable[[str], str] = str
+    also: Callable[[str], Collection[str]] = lambda value: ()
+    column: bool = True
+    series: bool = True
+    cell: bool = True
+    computed: bool = True
+    inner: bool = False
+    since: tuple[int, int] = (3, 3)
+    default: Any = ...
+    about: str = ""
+    shows: str = ""
+    rare: bool = False
+    many: bool = True
+    value: Callable[[Any], Any] = lambda key: key.value() if hasattr(key, "value") else key
+
+    def values(self, case: Any) -> tuple[Any, ...]:
+        """Values of the cells of a case along the axis."""
+        listed = getattr(case, self.name)
+        return tuple(map(self.value, listed if self.many else (listed,)))
+
+    def read(self, word: str) -> str:
+        """A value as CSVs have it, from what legends make of it; another word as it is."""
+        word = self.plain(word)
+        return next((name for name in self.names if self.text(name) == word), word)
+
+    def means(self, word: str, value: str) -> bool:
+        """Whether a word is a value that a CSV has, as CSVs or people write it."""
+        words = (value, self.text(value), *self.also(value)) if value else ()
+        return word in words or (value != "" and self.same(word) == value)
+
+
+def axis(
+    title: str = "", *, write: Callable[[Any], Any] | None = None, compare: bool = True, **rest: Any
+) -> Any:
+    """A field of a dataclass that is an axis; see `Axis`.
+
+    Args:
+        title: As of the axis; its name when omitted.
+        write: As of the axis; the attribute's value as it is when omitted.
+        compare: Whether cells that differ in it are different cells.
+        rest: Further attributes of the axis; `initial`, its value in a cell that is not given one,
+            is its usual and default value, too, unless these are given.
+    """
+    initial = rest.pop("initial", ...)
+    options: dict[str, Any] = {} if initial is ... else {"default": initial}
+    if options and rest.get("many", True):
+        rest = {"usual": label(initial), "default": label(initial), **rest}
+    elif options:
+        rest = {"default": initial, **rest}
+    return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
+
+
+def setting(about: str, **rest: Any) -> Any:
+    """A field of a cell that is the same in all of a case: no series differ in it."""
+    return axis(about=about, series=False, cell=False, many=False, **rest)
+
+
+def axes_of(of: type) -> tuple[Axis, ...]:
+    """Axes that the fields of a dataclass declare."""
+    return tuple(_axis(declared.name, dict(declared.metadata)) for declared in fields(of))
+
+
+def _axis(name: str, declared: dict[str, Any]) -> Axis:
+    title, write = declared.pop("title") or name, declared.pop("write")
+    return Axis(name, title, write or (lambda owner: label(getattr(owner, name))), **declared)
+
+
+def label(value: Any) -> Any:
+    """A value as CSVs spell it."""
+    return getattr(value, "label", value)
+
+
+# -- values in words --------------------------------------------------------------------------
+
+_METHODS = {
+    "newmark": "Newmark",
+    "generalized-alpha": "generalized-α",
+    "hht": "HHT",
+    "bdf1": "BDF1",
+    "bdf2": "BDF2",
+}
+_PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
+MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
+#: Symbols of quantities.
+SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
+
+
+def integrator_text(label: str) -> str:
+    """An integrator as people write it, from its label."""
+    if label == TRAPEZOIDAL:
+        return TRAPEZOIDAL_NAME
+    method, *parameters = label.split()
+    pairs = (part.partition("=") for part in parameters)
+    texts = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
+    return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
+
+
+def form_text(form: str) -> str:
+    """A form by its unknowns."""
+    return f"({', '.join('λ' if part == 'lambda' else part for part in form.split('-'))}) form"
+
+
+def projection_text(label: str) -> str:
+    """A projection in words."""
+    method, _, rest = label.partition(" ")
+    named = "no projection" if method == "none" else f"{method} projection"
+    return named + (f" with {rest}" if rest else "")
+
+
+def measure_text(measure: str) -> str:
+    """Kind of rows in words."""
+    return measure.replace("_", " ").replace("work-precision", "work and precision")
+
+
+def measures_of(record: str) -> list[str]:
+    """Measures that give rows of a kind."""
+    from newmark_cli.study.measures import MEASURES
+
+    return [name for name, of in MEASURES.items() if record in (row.name for row in of.records)]
