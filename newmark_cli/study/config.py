@@ -254,7 +254,7 @@ def _dividing(t_end: float, steps: int) -> str:
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
-    default = keys.KrylovConfig() if axis.name == "krylov" else axis.default
+    default: Any = keys.KrylovConfig() if axis.name == "krylov" else axis.default
     return keys.annotation(axis), Field(default, description=axis.about, validate_default=axis.many)
 
 
