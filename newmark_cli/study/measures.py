@@ -93,10 +93,6 @@ class Record:
     at_end: bool = False  #: whether it is taken at t_end, so that all of a series must end together
     #: why the predicted order is only a lower bound, from the key; empty where it is the order
     bounded: Callable[[SeriesKey], str] = lambda key: ""
-    #: whether an error may alternate undamped from step to step, from the key
-    alternates: Callable[[SeriesKey], bool] = lambda key: _alternates(key)
-    #: what each step leaves of an alternation of multipliers from the start, from the key
-    fading: Callable[[SeriesKey], float] = lambda key: _fading(key)
     quantities: tuple[str, ...] = ()  #: what the rows may be about, as in the CSV
 
     def drawn(self, rows: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> Array:
@@ -108,6 +104,22 @@ class Record:
             stagnated = np.asarray(rows["status"], object) == "stagnated"
             values = np.where(stagnated, np.asarray(rows[self.at_limit], float), values)
         return np.asarray(values, float)
+
+    @staticmethod
+    def alternates(key: SeriesKey) -> bool:
+        """Whether an error of a series may alternate undamped from step to step."""
+        march = _march_of(key)
+        # Rows of accelerations keep an alternation out.
+        kept_out = {"Ca", "B"} & set(march.formulation.kind.rows)
+        return not (march.integrator.damped or march.projection.level or kept_out)
+
+    @staticmethod
+    def fading(key: SeriesKey) -> float:
+        """What each step of a series leaves of an alternation of multipliers from the start."""
+        march = _march_of(key)
+        # Constraints of velocities, where they hold, keep an alternation out.
+        kept_out = not march.by_position or march.projection.level or not march.integrator.damped
+        return 0.0 if kept_out else integrator.fading(march.integrator)
 
     @property
     def predicts(self) -> bool:
@@ -167,20 +179,6 @@ def _march_of(key: SeriesKey) -> Marched:
         steps.parse(key.h_sequence),
         key.auxiliary,
     )
-
-
-def _alternates(key: SeriesKey) -> bool:
-    """Whether an alternation stays: undamped, and not kept out by rows of accelerations."""
-    march = _march_of(key)
-    kept_out = {"Ca", "B"} & set(march.formulation.kind.rows)
-    return not (march.integrator.damped or march.projection.level or kept_out)
-
-
-def _fading(key: SeriesKey) -> float:
-    """0 where the constraints of velocities hold, which keep an alternation out."""
-    march = _march_of(key)
-    kept_out = not march.by_position or march.projection.level or not march.integrator.damped
-    return 0.0 if kept_out else integrator.fading(march.integrator)
 
 
 def _bound_of_correction(key: SeriesKey) -> str:

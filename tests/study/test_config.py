@@ -125,6 +125,18 @@ MISTAKES = [
     ("t_end: 1.0", "t_end: 1\nmeasure: history", 7, "it is gone: take measure: trajectory and"),
     ("t_end: 1.0", "t_end: 1\nmeasure: drift", 7, "trajectory: {keep: drift}"),
     ("t_end: 1.0", "t_end: 1\nmeasure: tolerance", 7, "tolerance needs 'stop'"),
+    *(
+        ("t_end: 1.0", f"t_end: 1\nmeasure: trajectory\ntrajectory: {given}", 8, words)
+        for given, words in (
+            ("{every: 0}", "trajectory.every: must be greater than or equal to 1, given 0"),
+            ("{every: 2, at: 0.5}", "trajectory.at: give either every or at, not both"),
+            ("{at: [0.5, 1.5]}", "trajectory: 1.5 s is outside the march with h = 0.1, 0 to 1 s"),
+            ("{at: [0.5, 0.5]}", "trajectory.at: given twice"),
+            ("{keep: [u, w]}", "trajectory.keep[2]: unknown name 'w'; allowed: u, v,"),
+            ("{evry: 2}", "trajectory.evry: unknown key; did you mean 'every'?"),
+            ("3", "trajectory: must be a mapping"),
+        )
+    ),
     (
         "t_end: 1.0",
         "t_end: 1\nevaluation: compensated\ncases: [{}, {problem: shaken-pendulum}]",

@@ -232,24 +232,6 @@ def test_mistakes_of_callers(tmp_path, monkeypatch, call, words):
         call()
 
 
-@each("given, words", [
-        ("{every: 0}", "trajectory.every: must be greater than or equal to 1, given 0"),
-        ("{every: 2, at: 0.5}", "trajectory.at: give either every or at, not both"),
-        ("{at: []}", "trajectory.at"),
-        ("{at: [0.5, 1.5]}",
-         "trajectory: 1.5 s is outside the march with h = 0.01, 0 to 1 s"),
-        ("{at: [0.5, 0.5]}", "given twice"),
-        ("{keep: [u, w]}", "trajectory.keep[2]: unknown name 'w'; allowed: u, v,"),
-        ("{evry: 2}", "trajectory.evry: unknown key; did you mean 'every'?"),
-        ("3", "trajectory"),
-    ])  # fmt: skip
-def test_what_does_not_fit_is_refused(cli, given, words):
-    cli.write("swing.yaml", STUDY.replace("{every: 30}", given))
-    line = cli.refused("validate", "swing.yaml")
-    assert line.startswith("newmark-study: swing.yaml, line 8: trajectory")
-    assert words in line
-
-
 def test_trajectories_that_no_memory_holds_are_refused(cli):
     """With what they would be and what is allowed; of one case, and of all."""
     text = STUDY.replace("[1e-2, 5e-3]", "1e-6").replace("[u-lambda, v-lambda]", "u-lambda")
