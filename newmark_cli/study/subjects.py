@@ -112,9 +112,9 @@ def _has_code(file: documents.File) -> bool:
 
 
 def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
-    unknown = [key for key in value if key not in ("python", "args")]
-    if unknown:
-        raise documents.unknown_name("key", unknown[0], ("python", "args"))
+    for key in value:
+        if key not in ("python", "args"):
+            raise documents.unknown_name("key", key, ("python", "args"))
     file, colon, factory = str(value["python"]).rpartition(":")
     arguments = value.get("args", {})
     if not colon or not file or not factory.isidentifier():

@@ -247,14 +247,6 @@ def test_problems_of_one_name(tmp_path):
         load(tmp_path, QUICK.replace("problem: pendulum\n", "") + cases)
 
 
-def test_alias_bombs_are_refused(tmp_path):
-    """Nine levels of nine references: a billion values from a few lines."""
-    lines = ["a0: &a0 [x, x, x, x, x, x, x, x, x]"]
-    lines += [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10)]
-    with pytest.raises(DocumentError, match="more than 100000 values"):
-        load(tmp_path, "\n".join(lines))
-
-
 def test_references_count_as_what_they_refer_to():
     """Keys and values, as if they were written out: 20,000 of them, each six, are too many."""
     entries = "".join(f"  k{i}: *a\n" for i in range(20_000))
