@@ -125,10 +125,10 @@ def show(
     from newmark_cli.report.reading import records
     from newmark_cli.report.reading.choosing import Choice
     from newmark_cli.report.tables import showing
-    from newmark_cli.study import reading
+    from newmark_cli.study import csv_rows
 
     if as_recorded:
-        files = (folder / f"{name}.csv" for name in reading.named_studies(folder, studies))
+        files = (folder / f"{name}.csv" for name in csv_rows.named_studies(folder, studies))
         recorded = [records.read(file) for file in files]
         text = as_json_text(recorded) if as_json else "\n\n".join(map(records.as_text, recorded))
         screen.lines(text)

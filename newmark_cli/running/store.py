@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
+#: Modules of ``study`` that make the numbers of a cell.
+_OF_CELLS = ("axes", "axis", "compute", "kinds", "measures", "observers")
 #: Digits of a digest in a file name.
 _DIGITS = 16
 
@@ -130,7 +132,7 @@ def core() -> str:
             for room in ("newmark", "problems", "mechanisms")
             for file in sorted((package / room).rglob("*.py"))
         ),
-        *(package / "study" / f"{name}.py" for name in ("axes", "compute", "measures")),
+        *(package / "study" / f"{name}.py" for name in _OF_CELLS),
     ]
     # The package's own version says nothing that its code does not.
     libraries = {name: v for name, v in versions().items() if name != "newmark-study"}
