@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import newmark_cli
-from newmark_cli.study import axes
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done
 from newmark_cli.study.provenance import version
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
 
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
-#: Modules of ``study`` that make the numbers of a cell.
-_OF_CELLS = ("axes", "axis", "compute", "kinds", "measures", "observers")
+#: Modules of ``study`` that the numbers of a cell come from.
+_OF_CELLS = ("axes", "axis", "compute", "measures", "observers")
 #: Digits of a digest in a file name.
 _DIGITS = 16
 
@@ -61,7 +60,7 @@ class Store:
         if before and (ended.status == "failed" or (ended.lacks and not before.outcome.lacks)):
             return
         record = {
-            "cell": axes.computed(cell),
+            "cell": cell.computed,
             "key": _key(cell),
             "versions": versions(),
             **_adapter().dump_python(done),
@@ -113,7 +112,7 @@ def _adapter() -> "TypeAdapter[Done]":
 
 
 def _key(cell: Cell) -> dict[str, str]:
-    described = json.dumps(axes.computed(cell), sort_keys=True)
+    described = json.dumps(cell.computed, sort_keys=True)
     digest = hashlib.sha256(described.encode()).hexdigest()
     return {"cell": digest, "problem": cell.problem.load().content, "core": core()}
 

@@ -12,7 +12,7 @@ that is not one of its names, stands in `newmark_cli.study.keys`.
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -262,6 +262,17 @@ class Cell:
         initial=(),
     )
 
+    @cached_property
+    def computed(self) -> dict[str, Any]:
+        """All that its numbers depend on besides its problem's content, as JSON holds it."""
+
+        def plain(value: Any) -> Any:
+            if is_dataclass(value) and not isinstance(value, type):
+                return asdict(value)
+            return list(value) if isinstance(value, tuple) else value
+
+        return {axis.name: plain(axis.write(self)) for axis in cell_axes() if axis.computed}
+
     @property
     def reported(self) -> str:
         """Which multipliers are reported."""
@@ -394,17 +405,6 @@ def means(axis: str, word: str, value: str) -> bool:
 def labels(cell: Cell) -> dict[str, Any]:
     """Labels that tell a cell from others of its study, by column."""
     return {axis.name: axis.write(cell) for axis in cell_axes() if axis.cell}
-
-
-def computed(cell: Cell) -> dict[str, Any]:
-    """All that the numbers of a cell depend on besides its problem's content, as JSON holds it."""
-
-    def plain(value: Any) -> Any:
-        if is_dataclass(value) and not isinstance(value, type):
-            return asdict(value)
-        return list(value) if isinstance(value, tuple) else value
-
-    return {axis.name: plain(axis.write(cell)) for axis in cell_axes() if axis.computed}
 
 
 def described(cell: Cell) -> str:

@@ -25,7 +25,7 @@ _NO_WAIT, _NO_LINK = (getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLO
 #: Largest file of results that is read (bytes).
 MOST = 1 << 30
 #: What comes before the digest of a sealed file.
-_SEAL = ',\n  "sha256": "'
+_SEAL = ', "sha256": "'
 #: What a shell hands over, such as the pipe of ``<(command)``.
 _HANDED_OVER = re.compile(r"/dev/stdin|/(dev|proc/self)/fd/\d+")
 
@@ -106,7 +106,7 @@ def json_text(value: Any) -> str:
 
 def write_sealed(path: Path, value: Mapping[str, Any], within: Path) -> None:
     """`write` JSON, with a digest of its text as the last key."""
-    text = json_text(value).removesuffix("\n}\n")
+    text = json.dumps(value, ensure_ascii=False).removesuffix("}")
     write(path, text + _seal(text.encode()), within)
 
 
@@ -121,7 +121,7 @@ def read_sealed(path: Path) -> dict[str, Any]:
 
 
 def _seal(text: bytes) -> str:
-    return f'{_SEAL}{hashlib.sha256(text).hexdigest()}"\n}}\n'
+    return f'{_SEAL}{hashlib.sha256(text).hexdigest()}"}}\n'
 
 
 def write(path: Path, content: str | bytes, within: Path | None = None) -> None:
