@@ -226,27 +226,7 @@ def form_orders(
         of_eta = np.where(elimination.eta != 0, _RATE_ORDERS, _INF)
         weights = np.column_stack([weights, of_eta])
 
-    # Orders of each row's blocks, and of its blocks beside λ.
     penalty = _penalty(formulation)
-    dynamic = np.where([stiff, damped, True], 0.0, _INF)  # X, Y, M
-    dynamic[0] = min(dynamic[0], penalty)
-    blocks = {
-        "D": dynamic,
-        "V": np.array([_INF, 0, 1]),  # v − γh a
-        "K": np.array([0, _INF, 2]),  # u − βh² a
-        **_CONSTRAINTS,
-    }
-    if formulation.scheduled:
-        blocks["B"] = np.array([-2.0, -1.0, 0.0])  # α² Gᵀ, 2α Gᵀ, Gᵀ
-    jacobian = []
-    for row in form.rows:
-        in_kept = min_plus(blocks[row][None, :], weights)[0]
-        if form.constraint_rows:
-            in_kept = np.insert(in_kept, len(form.kept), 0 if row == "D" else _INF)
-        if row == "K" and "eta" in form.multipliers:
-            in_kept[-1] = min(in_kept[-1], 0.0)
-        jacobian.append(in_kept)
-
     residual = _residuals(form, formulation, kept, rates_of_kept, compensated)
     inverse = INVERSES[_table(formulation)]
     columns = [inverse.columns.index(row) for row in form.rows]
@@ -254,7 +234,7 @@ def form_orders(
     return FormOrders(
         form=form,
         weights=weights,
-        jacobian=np.array(jacobian),
+        jacobian=_jacobian(form, formulation, weights, damped, stiff),
         inverse=np.array([table[u] for u in form.solved])[:, columns],
         residual=np.array([residual[row] for row in form.rows]),
         reactions={unknown: np.array(row)[columns] for unknown, row in table.items()},
@@ -271,6 +251,31 @@ _CONSTRAINTS: Mapping[str, Array] = {
     "Ca": np.zeros(3),
     "B": np.zeros(3),
 }
+
+
+def _jacobian(
+    form: Form, formulation: Formulation, weights: Array, damped: bool, stiff: bool
+) -> Array:
+    """(rows, solved) orders of J from those of the weights."""
+    dynamic = np.where([stiff, damped, True], 0.0, _INF)  # X, Y, M
+    dynamic[0] = min(dynamic[0], _penalty(formulation))
+    blocks = {
+        "D": dynamic,
+        "V": np.array([_INF, 0, 1]),  # v − γh a
+        "K": np.array([0, _INF, 2]),  # u − βh² a
+        **_CONSTRAINTS,
+    }
+    if formulation.scheduled:
+        blocks["B"] = np.array([-2.0, -1.0, 0.0])  # α² Gᵀ, 2α Gᵀ, Gᵀ
+    jacobian = []
+    for row in form.rows:
+        orders = min_plus(blocks[row][None, :], weights)[0]
+        if form.constraint_rows:
+            orders = np.insert(orders, len(form.kept), 0 if row == "D" else _INF)
+        if row == "K" and "eta" in form.multipliers:
+            orders[-1] = min(orders[-1], 0.0)
+        jacobian.append(orders)
+    return np.array(jacobian)
 
 
 def _penalty(formulation: Formulation) -> float:
