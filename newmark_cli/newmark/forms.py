@@ -63,11 +63,6 @@ class Form:
         """Fields recovered from the kept ones."""
         return tuple(f for f in FIELDS if f not in self.kept)
 
-    @property
-    def extra_rows(self) -> tuple[str, ...]:
-        """Update relations that stay in the system."""
-        return tuple(r for r in self.rows if r in "VK")
-
     def sizes(self, n: int, m: int) -> list[int]:
         """Sizes of the blocks of the solved unknowns, and alike of the rows."""
         return [n] * len(self.kept) + [m] * len(self.constraint_rows)
@@ -123,7 +118,8 @@ def eliminate(form: Form, relations: Relations) -> Elimination:
     fields = np.zeros((3, p + len(relations.v_past) + 1))
     fields[[FIELDS.index(field) for field in form.kept], range(p)] = 1.0
     gone = {FIELDS.index(field) for field in form.eliminated}
-    used = [relation[row] for row in ("V", "K") if row not in form.rows]
+    used = [relation[row] for row in relation if row not in form.rows]
+    extra = [relation[row] for row in relation if row in form.rows]
     if a in gone:
         field, from_a, known = next(entry for entry in used if entry[0] not in gone)
         fields[a] = (fields[field] - known) / from_a
@@ -131,10 +127,7 @@ def eliminate(form: Form, relations: Relations) -> Elimination:
         if field in gone:
             fields[field] = known + from_a * fields[a]
     rows = np.array(
-        [
-            fields[field] - from_a * fields[a] - known
-            for field, from_a, known in (relation[row] for row in form.extra_rows)
-        ]
+        [fields[field] - from_a * fields[a] - known for field, from_a, known in extra]
     ).reshape(-1, fields.shape[1])
     return Elimination(
         fields[:, :p].copy(), fields[:, p:-1].copy(), rows[:, :p].copy(), rows[:, p:-1].copy(),

@@ -7,7 +7,7 @@ of β, γ and h, its order from the exponent of h.
 import ast
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from newmark_cli.support.errors import InputError
@@ -32,7 +32,7 @@ class Monomial:
     powers: tuple[tuple[str, int], ...] = ()
 
     @classmethod
-    def parse(cls, text: str | float, symbols: Iterable[str] = SYMBOLS) -> "Monomial":
+    def parse(cls, text: str | float) -> "Monomial":
         """Read a monomial such as ``1/(beta*h^2)``; the text is never evaluated as code.
 
         It has numbers and the symbols joined by ``*``, ``/`` and ``^`` (or ``**``) with whole
@@ -50,7 +50,7 @@ class Monomial:
             raise MonomialError(f"{source!r} is not a product of powers")
         try:
             tree = ast.parse(source.replace("^", "**").strip(), mode="eval")
-            monomial = _read(tree.body, frozenset(symbols))
+            monomial = _read(tree.body)
         except ZeroDivisionError:
             raise MonomialError(f"{source!r}: division by zero") from None
         except (SyntaxError, RecursionError, MemoryError, ArithmeticError, ValueError) as error:
@@ -72,9 +72,9 @@ class Monomial:
                 below *= values[symbol] ** -power
         return above / below
 
-    def order(self, symbol: str = "h") -> int:
-        """Exponent of a symbol: the order of the factor in h."""
-        return dict(self.powers).get(symbol, 0)
+    def order(self) -> int:
+        """The order of the factor in h: the exponent of h."""
+        return dict(self.powers).get("h", 0)
 
     def __mul__(self, other: "Monomial") -> "Monomial":
         powers = dict(self.powers)
@@ -109,20 +109,18 @@ def _ordered(powers: Mapping[str, int]) -> tuple[tuple[str, int], ...]:
     return tuple(sorted((symbol, power) for symbol, power in powers.items() if power))
 
 
-def _read(node: ast.expr, symbols: frozenset[str]) -> Monomial:
+def _read(node: ast.expr) -> Monomial:
     match node:
         case ast.Constant(value=value) if isinstance(value, int | float) and value is not True:
             return Monomial(float(value))
         case ast.Name(id=name):
-            if name not in symbols:
-                raise MonomialError(
-                    f"unknown symbol {name!r}; allowed: {', '.join(sorted(symbols))}"
-                )
+            if name not in SYMBOLS:
+                raise MonomialError(f"unknown symbol {name!r}; allowed: {', '.join(SYMBOLS)}")
             return Monomial(1.0, ((name, 1),))
         case ast.BinOp(left=left, op=ast.Mult(), right=right):
-            return _read(left, symbols) * _read(right, symbols)
+            return _read(left) * _read(right)
         case ast.BinOp(left=left, op=ast.Div(), right=right):
-            return _read(left, symbols) * _read(right, symbols) ** -1
+            return _read(left) * _read(right) ** -1
         case ast.BinOp(left=left, op=ast.Pow(), right=right):
             try:
                 exponent = ast.literal_eval(right)
@@ -130,7 +128,7 @@ def _read(node: ast.expr, symbols: frozenset[str]) -> Monomial:
                 exponent = None
             if type(exponent) is not int or abs(exponent) > 16:
                 raise MonomialError("exponents are whole numbers up to 16")
-            return _read(left, symbols) ** exponent
+            return _read(left) ** exponent
         case ast.UnaryOp(op=ast.USub()):
             raise MonomialError("a factor must be positive")
     raise MonomialError("only numbers, symbols, * / ^ and parentheses are allowed")

@@ -75,14 +75,9 @@ class Tolerance:
     fields: tuple[tuple[str, float, float], ...] = ()
 
     @property
-    def on_residual(self) -> bool:
-        """Whether it looks at the residual, and not at what a correction changes."""
-        return self.test == RESIDUAL
-
-    @property
     def label(self) -> str:
         """How the CSV names it."""
-        parts = [self.test] if self.on_residual else []
+        parts = [self.test] if self.test == RESIDUAL else []
         for name, *limits in (("", self.absolute, self.relative), *self.fields):
             named = zip(("absolute", "relative"), limits, strict=True)
             parts += [name, *(f"{part} {value!r}" for part, value in named if value)]

@@ -82,7 +82,7 @@ def literal_steps(subject, h, steps, cap, field, scaled, stop):
             met = meets(correction, before, {"u": u, "v": v, "a": a, "lambda": multipliers})
             count += 1
         # The march tests a residual before the next correction: of the last one it is not known.
-        met = met and not (stop.on_residual and count == cap)
+        met = met and not (stop.test == "residual" and count == cap)
         counts.append(count if met else -count)
     return counts, u, multipliers
 
