@@ -6,6 +6,7 @@ rows, the terms of P, and products of two sources.  Which constant, which source
 coefficients is decided here, once; all that has a matrix only multiplies and adds.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -90,78 +91,89 @@ def of_index_3(problem: Problem, tables: StepTables) -> Sums:
 def of_formulation(
     problem: Problem, tables: StepTables, constraining: Constraining | None = None
 ) -> tuple[Sums, Products]:
-    """X and Y in row D, rows of constraints, −G, a penalty, and the columns of η.
-
-    P stands behind X, Y, M and the rows of constraints, where η moves eliminated fields.
-    """
-    products = _Multiplied(problem, constraining)
-    pattern, n, m, p = problem.pattern, problem.n, problem.m, len(tables.kept)
-    left, weights, parts = tables.left, tables.weights, list[_Part]()
-    for k, right in enumerate(tables.right[:p]):
-        for field, rows_of, columns_of, of in (
-            (0, pattern.x_rows, pattern.x_columns, products.x),
-            (1, pattern.y_rows, pattern.y_columns, products.y),
-        ):
-            if (weight := weights[field, k]) != 0:
-                parts.append((rows_of, k * n + columns_of, of, left[0] * weight * right))
+    """X and Y in row D, rows of constraints, −G, a penalty, and the columns of η."""
+    sources = _Sources(problem, constraining)
     # Φ itself for index 3.
-    rows = list(enumerate(constraining.weights if constraining else np.eye(1, 3)))
-    first_row = 1 + len(tables.row_weights)
-    for row, used in rows:
-        at = p * n + row * m + pattern.g_columns
+    weights = constraining.weights if constraining else np.eye(1, 3)
+    parts = [*_of_fields(problem, tables, sources), *_of_rows(problem, tables, sources, weights)]
+    if constraining and constraining.penalty:
+        parts += _of_penalty(problem, tables, sources, constraining)
+    if constraining and constraining.stabilised:
+        parts += _of_eta(problem, tables, sources, constraining)
+    return _sums(parts, tables), sources.products
+
+
+_Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any] | Array]
+
+
+def _of_fields(problem: Problem, tables: StepTables, sources: "_Sources") -> Iterator[_Part]:
+    """X and Y in row D."""
+    for k, right in enumerate(tables.right[: len(tables.kept)]):
+        for field, rows, columns, entries in sources.of_fields:
+            if (weight := tables.weights[field, k]) != 0:
+                factor = tables.left[0] * weight * right
+                yield rows, k * problem.n + columns, entries, factor
+
+
+def _of_rows(
+    problem: Problem, tables: StepTables, sources: "_Sources", weights: Array
+) -> Iterator[_Part]:
+    """Rows of constraints s₀, s₁, s₂, and −G in row D."""
+    pattern, n, p = problem.pattern, problem.n, len(tables.kept)
+    for row, used in enumerate(weights):
+        at = p * n + row * problem.m + pattern.g_columns
         for k, right in enumerate(tables.right[:p]):
             for field in _fields(used):
-                if (weight := weights[field, k]) != 0:
-                    factor = left[first_row + row] * weight * right
-                    of_row = products.tangents(row, field)
-                    parts.append((at, k * n + pattern.g_rows, of_row, factor))
-    if rows:
-        factor = -(left[0] * tables.right[p])
-        parts.append((pattern.g_rows, p * n + pattern.g_columns, products.g, factor))
-    if constraining is None:
-        return _sums(parts, tables), products.all
-    if constraining.penalty:
-        one, other = constraining.pairs
-        square = products.of(products.g[one], products.g[other])
-        i, j = pattern.g_rows[one], pattern.g_rows[other]
-        for k, right in enumerate(tables.right[:p]):
-            if (weight := weights[0, k]) != 0:
-                factor = left[0] * weight * right * constraining.penalty
-                parts.append((i, k * n + j, square, factor))
-    if constraining.stabilised:
-        to_projector = constraining.projector
-        right, at = tables.right[p + 1], p * n + m + to_projector.columns
-        for entries, field, of_entries in (
-            ((pattern.x_rows, pattern.x_columns), 0, products.x),
-            ((pattern.y_rows, pattern.y_columns), 1, products.y),
-        ):
+                if (weight := tables.weights[field, k]) != 0:
+                    factor = tables.left[1 + len(tables.row_weights) + row] * weight * right
+                    yield at, k * n + pattern.g_rows, sources.tangents(row, field), factor
+    if len(weights):
+        factor = -(tables.left[0] * tables.right[p])
+        yield pattern.g_rows, p * n + pattern.g_columns, sources.g, factor
+
+
+def _of_penalty(
+    problem: Problem, tables: StepTables, sources: "_Sources", constraining: Constraining
+) -> Iterator[_Part]:
+    """The penalty times G Gᵀ, in row D."""
+    rows, (one, other) = problem.pattern.g_rows, constraining.pairs
+    square = sources.product(sources.g[one], sources.g[other])
+    for k, right in enumerate(tables.right[: len(tables.kept)]):
+        if (weight := tables.weights[0, k]) != 0:
+            factor = tables.left[0] * weight * right * constraining.penalty
+            yield rows[one], k * problem.n + rows[other], square, factor
+
+
+def _of_eta(
+    problem: Problem, tables: StepTables, sources: "_Sources", constraining: Constraining
+) -> Iterator[_Part]:
+    """Columns of η: P behind X, Y, M and rows of constraints, and in the kept rows V and K."""
+    pattern, n, m, p = problem.pattern, problem.n, problem.m, len(tables.kept)
+    left, right, terms = tables.left, tables.right[p + 1], constraining.projector
+    at, directions = p * n + m + terms.columns, sources.directions
+    for field, rows, columns, entries in sources.of_fields:
+        if (eta := constraining.eta[field]) != 0:
+            one, other = _meetings(columns, terms.rows, n)
+            product = sources.product(entries[one], directions[other])
+            yield rows[one], at[other], product, left[0] * right * eta
+    if (eta := constraining.inertia * constraining.eta[2]) != 0:
+        one, other = _meetings(pattern.mass_columns, terms.rows, n)
+        factors = left[0] * right * eta * problem.mass_values[one]
+        yield pattern.mass_rows[one], at[other], directions[other], factors
+    for r, eta in enumerate(constraining.rows_eta):
+        if eta != 0:
+            yield (1 + r) * n + terms.rows, at, directions, left[1 + r] * right * eta
+    one, other = _meetings(pattern.g_rows, terms.rows, n)
+    for row, used in enumerate(constraining.weights):
+        for field in _fields(used):
             if (eta := constraining.eta[field]) != 0:
-                one, other = _meetings(entries[1], to_projector.rows, n)
-                of = products.of(of_entries[one], products.directions[other])
-                parts.append((entries[0][one], at[other], of, left[0] * right * eta))
-        if (eta := constraining.inertia * constraining.eta[2]) != 0:
-            one, other = _meetings(pattern.mass_columns, to_projector.rows, n)
-            factors = left[0] * right * eta * problem.mass_values[one]
-            of = products.directions[other]
-            parts.append((pattern.mass_rows[one], at[other], of, factors))
-        for r, eta in enumerate(constraining.rows_eta):
-            if eta != 0:
-                factor = left[1 + r] * right * eta
-                of_row = (1 + r) * n + to_projector.rows
-                parts.append((of_row, at, products.directions, factor))
-        one, other = _meetings(pattern.g_rows, to_projector.rows, n)
-        for row, used in rows:
-            for field in _fields(used):
-                if (eta := constraining.eta[field]) != 0:
-                    of = products.of(products.tangents(row, field)[one], products.directions[other])
-                    factor = left[first_row + row] * right * eta
-                    of_row = p * n + row * m + pattern.g_columns[one]
-                    parts.append((of_row, at[other], of, factor))
-    return _sums(parts, tables), products.all
+                product = sources.product(sources.tangents(row, field)[one], directions[other])
+                factor = left[1 + len(tables.row_weights) + row] * right * eta
+                yield p * n + row * m + pattern.g_columns[one], at[other], product, factor
 
 
-class _Multiplied:
-    """Numbers of the sources of a formulation, and its products."""
+class _Sources:
+    """Numbers of the sources, and products among them."""
 
     def __init__(self, problem: Problem, constraining: Constraining | None) -> None:
         pattern, sizes = problem.pattern, [0, 0]
@@ -170,8 +182,13 @@ class _Multiplied:
             sizes = [3 * len(constraining.weights) * g, len(constraining.projector.rows)]
         sizes = [x, y, g, *sizes]
         ends = np.cumsum(sizes)
-        self.x, self.y, self.g, self._tangents, self.directions = (
+        x_entries, y_entries, self.g, self._tangents, self.directions = (
             np.arange(end - size, end) for size, end in zip(sizes, ends, strict=True)
+        )
+        #: Field, rows, columns and sources of X and of Y.
+        self.of_fields = (
+            (0, pattern.x_rows, pattern.x_columns, x_entries),
+            (1, pattern.y_rows, pattern.y_columns, y_entries),
         )
         self._entries, self._end = g, int(ends[-1])
         none = np.empty(0, np.int64)
@@ -183,14 +200,14 @@ class _Multiplied:
             return self.g
         return self._tangents[(3 * row + field) * self._entries :][: self._entries]
 
-    def of(self, first: IndexArray, second: IndexArray) -> IndexArray:
+    def product(self, first: IndexArray, second: IndexArray) -> IndexArray:
         """New sources: products of others."""
         self._parts.append((first, second))
         self._end += len(first)
         return np.arange(self._end - len(first), self._end)
 
     @property
-    def all(self) -> Products:
+    def products(self) -> Products:
         """All of them."""
         return Products(*(np.concatenate(of) for of in zip(*self._parts, strict=True)))
 
@@ -209,9 +226,6 @@ def _meetings(left: IndexArray, right: IndexArray, size: int) -> tuple[IndexArra
     first = np.repeat(np.arange(len(left)), lengths)
     within = np.arange(len(first)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     return first, order[np.repeat(starts[left], lengths) + within]
-
-
-_Part = tuple[IndexArray, IndexArray, IndexArray, np.floating[Any] | Array]
 
 
 def _sums(parts: list[_Part], tables: StepTables) -> Sums:

@@ -44,18 +44,14 @@ class BalancedJacobian(Balanced):
 
 def dense_tables(problem: Problem, scheme: Scheme, sums: Sums) -> MatrixTables:
     """D_L J D_R as the kernel assembles it; places count its entries row by row."""
-    dtype, size = scheme.dtype, assembly.unknowns(problem, scheme)
-    fixed = assembly.constants(problem, scheme.tables)
-    constant = np.zeros(size * size, dtype)
+    size, fixed = assembly.unknowns(problem, scheme), assembly.constants(problem, scheme.tables)
+    constant = np.zeros(size * size, scheme.dtype)
     np.add.at(constant, fixed.rows * size + fixed.columns, fixed.values)
-    return MatrixTables(
+    return no_tables(scheme)._replace(
         constant=constant,
         places=(sums.rows * size + sums.columns).astype(np.uint32),
         origins=sums.origins.astype(np.uint32),
         coefficients=sums.coefficients,
-        structure=np.empty(0, np.uint32),
-        room=np.empty(0, np.uint64),
-        work=np.empty(0, dtype),
     )
 
 
