@@ -14,10 +14,10 @@ from newmark_cli.report.judging import expectations
 from newmark_cli.report.judging.slopes import study_slopes
 from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, csv_files, shipped
+from newmark_cli.study import config, results, shipped
 from newmark_cli.study.axes import series_axes
-from newmark_cli.study.csv_rows import read_rows
 from newmark_cli.study.entries import expectations as plain
+from newmark_cli.study.reading import read_rows
 
 EVERY_FIGURE = each("figure", synthetic.CLAIMING)
 
@@ -83,7 +83,7 @@ def written(folder, *entries, drop=()):
     rows = []
     for quantity, values in VALUES.items():
         for h, value in zip((1.0, 0.1, 0.01), values, strict=True):
-            row = dict.fromkeys(csv_files.COLUMNS, "")
+            row = dict.fromkeys(results.COLUMNS, "")
             row |= {axis.name: axis.usual for axis in series_axes() if axis.usual}
             row |= {
                 "study": "own", "problem": "pendulum", "form": "u-v-lambda",
@@ -95,7 +95,7 @@ def written(folder, *entries, drop=()):
             if (quantity, h) not in drop:
                 rows.append(row)
     path = folder / "own.csv"
-    path.write_text(csv_files.csv_text(csv_files.COLUMNS, rows))
+    path.write_text(results.csv_text(results.COLUMNS, rows))
     record = {
         "study": "own",
         "config": {"expect": [{"measure": "correction", **entry} for entry in entries]},

@@ -11,7 +11,7 @@ from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import study_slopes
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study.csv_rows import read_study
+from newmark_cli.study.reading import read_study
 from newmark_cli.support.errors import ResultsError
 
 

@@ -8,7 +8,7 @@ from each import each
 
 from newmark_cli.report.judging.slopes import study_slopes
 from newmark_cli.report.judging.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
-from newmark_cli.study.csv_rows import read_study
+from newmark_cli.study.reading import read_study
 
 NAMED = bench("named")
 with (VERDICTS / "truth.csv").open() as file:

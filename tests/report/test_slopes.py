@@ -20,9 +20,9 @@ from newmark_cli.report.judging.verdicts import (
     UNDECIDED,
 )
 from newmark_cli.report.tables import check, outcomes
-from newmark_cli.study import csv_files
+from newmark_cli.study import results
 from newmark_cli.study.axes import series_axes
-from newmark_cli.study.csv_rows import read_study
+from newmark_cli.study.reading import read_study
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 
@@ -54,7 +54,7 @@ def power(order, steps=STEPS):
 def found(folder, table, accept=None):
     """Slopes of a study's rows."""
     path = folder / "own.csv"
-    path.write_text(csv_files.csv_text(csv_files.COLUMNS, table))
+    path.write_text(results.csv_text(results.COLUMNS, table))
     if accept is not None:
         record = {"rows": len(table), "config": {"cases": [{"h": [1]}, {"accept": accept}]}}
         path.with_suffix(".json").write_text(json.dumps(record))

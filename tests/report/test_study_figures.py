@@ -18,7 +18,7 @@ from newmark_cli.report.judging.verdicts import MISS
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
-from newmark_cli.study import csv_files
+from newmark_cli.study import results
 from newmark_cli.study.axes import series_axes
 from newmark_cli.study.entries import TableConfig
 from newmark_cli.support.errors import InputError
@@ -29,7 +29,7 @@ H = (1e-1, 1e-2, 1e-3, 1e-4)
 
 def row(h, value, **columns):
     """Row of a study `mine`, whatever the columns do not say as usual."""
-    found = dict.fromkeys(csv_files.COLUMNS, "")
+    found = dict.fromkeys(results.COLUMNS, "")
     found |= {axis.name: axis.usual for axis in series_axes() if axis.usual}
     found |= {
         "study": "mine", "problem": "hoist.yaml", "integrator": TRAPEZOIDAL, "form": "u-lambda",
@@ -57,7 +57,7 @@ def written(folder, rows, record=None):
         studies.setdefault(one["study"], []).append(one)
     folder.mkdir(parents=True, exist_ok=True)
     for study, ours in studies.items():
-        text = csv_files.csv_text(csv_files.COLUMNS, ours)
+        text = results.csv_text(results.COLUMNS, ours)
         (folder / f"{study}.csv").write_text(text)
         if record is not None:
             (folder / f"{study}.json").write_text(json.dumps({"study": study} | record))

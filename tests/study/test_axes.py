@@ -13,7 +13,7 @@ from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report.judging import slopes
-from newmark_cli.study import axes, config, csv_files, csv_rows
+from newmark_cli.study import axes, config, reading, results
 
 #: The columns of CSVs as they have always been, by hand.
 STUDY_COLUMNS = (
@@ -29,7 +29,7 @@ SLOPE_COLUMNS = (
 
 def test_columns_are_appended():
     """What older programs read stands where it stood."""
-    assert ",".join(csv_files.COLUMNS) == STUDY_COLUMNS
+    assert ",".join(results.COLUMNS) == STUDY_COLUMNS
     assert ",".join(slopes.COLUMNS).startswith(SLOPE_COLUMNS + ",")
 
 
@@ -60,9 +60,9 @@ def test_older_csvs_are_read_with_defaults(cli, committed_folder, missing):
     """A column that did not exist has the value that went without saying; verdicts stay."""
     path = cli.folder / "pendulum-u.csv"
     path.write_text((committed_folder / path.name).read_text())
-    now = [slope.row() for slope in slopes.study_slopes(csv_rows.read_study(path), path)]
+    now = [slope.row() for slope in slopes.study_slopes(reading.read_study(path), path)]
     strip(path, *missing)
-    then = [slope.row() for slope in slopes.study_slopes(csv_rows.read_study(path), path)]
+    then = [slope.row() for slope in slopes.study_slopes(reading.read_study(path), path)]
     assert json.dumps(then) == json.dumps(now)
 
 
@@ -156,7 +156,7 @@ MappingProxyType = lambda table: {**table, "speed": _Speed}
 """,
     ),
     (
-        "newmark_cli.study.csv_files",
+        "newmark_cli.study.results",
         "_AXES = (\n",
         """\
 MEASURED = (

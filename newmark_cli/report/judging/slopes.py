@@ -35,10 +35,10 @@ from newmark_cli.report.judging.verdicts import (
 )
 from newmark_cli.report.reading.figures import Figure, of_study
 from newmark_cli.report.reading.figures import place as place_of
-from newmark_cli.study import axes, csv_files, shipped
+from newmark_cli.study import axes, results, shipped
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.csv_files import NUMBERS, ROUNDING
-from newmark_cli.study.csv_rows import (
+from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
+from newmark_cli.study.reading import (
     SERIES,
     Facts,
     Motion,
@@ -47,7 +47,7 @@ from newmark_cli.study.csv_rows import (
     read_rows,
     study_files,
 )
-from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
+from newmark_cli.study.results import NUMBERS, ROUNDING
 from newmark_cli.study.showable import VALUES
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array, Mask
@@ -212,7 +212,7 @@ def write(folder: Path, slopes: Sequence[Slope]) -> None:
     rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
     ordered = in_figure_order(slopes) + rest
     rows = [slope.row() for slope in ordered]
-    text = csv_files.csv_text(axes.present(COLUMNS, rows), rows)
+    text = results.csv_text(axes.present(COLUMNS, rows), rows)
     files.write(folder / "slopes.csv", text)
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli.study import axes, csv_files
+from newmark_cli.study import axes, results
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
-from newmark_cli.study.csv_files import COLUMNS, NUMBERS, parse_csv
+from newmark_cli.study.results import COLUMNS, NUMBERS, parse_csv
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError
 from newmark_cli.support.spelling import nearest
@@ -139,8 +139,8 @@ def read_study(path: Path) -> "pd.DataFrame":
 
 def read_rows(path: Path) -> Table:
     """`read_study` without pandas, which takes longer to import than most CSVs to read."""
-    contents = csv_files.read(path)
-    texts = _read_csv(path, COLUMNS, csv_files.DEFAULTS, contents[path])
+    contents = results.read(path)
+    texts = _read_csv(path, COLUMNS, results.DEFAULTS, contents[path])
     columns, lines = dict(texts.columns), texts.lines
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in dict.fromkeys(columns[axis.name])}
@@ -194,7 +194,7 @@ class Facts:
 
 def facts(path: Path) -> Facts:
     """The facts next to a CSV; there are none where it travels alone."""
-    record = parsed(csv_files.read_record(path))
+    record = parsed(results.read_record(path))
     cases = [case for case in listed(mapping(record, "config"), "cases") if isinstance(case, dict)]
     accepted = (word for case in cases for word in listed(case, "accept"))
     known = (*STATUSES, NOT_CONVERGING)
