@@ -5,6 +5,7 @@ import numpy as np
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report.reading.figures import FIGURES, Curve
 from newmark_cli.study import results
+from newmark_cli.study.axes import series_axes
 from newmark_cli.support import files
 
 #: Figures that claims are about.
@@ -128,18 +129,30 @@ _POINTS = {
 }
 
 
+def row(value="", **columns):
+    """Row of a study `own`: every statistic is the value, and the rest as usual."""
+    return (
+        dict.fromkeys(results.COLUMNS, "")
+        | {axis.name: axis.usual for axis in series_axes() if axis.usual and axis.column}
+        | {
+            "study": "own", "problem": "andrews", "integrator": "newmark beta=0.25 gamma=0.5",
+            "form": "u-lambda", "preconditioning": "none", "linear_solver": "dense-lu",
+            "t_end": 1.0, "steps": 1000, "quantity": "lambda", "measure": "correction",
+            "role": "primary", "zeros": 0, "not_converged": 0, "newton_iterations": 4.0,
+            "status": "ok",
+        }
+        | dict.fromkeys(("rms", "max", "median", "last"), value)
+        | columns
+    )  # fmt: skip
+
+
 def rows_of(curve):
     """Rows of one series: the study's CSV with numbers that its claims hold for."""
-    table = []
-    for h, given in _POINTS[curve.study](curve).items():
-        row = dict.fromkeys(results.COLUMNS, "")
-        row |= {column: value for column, value in curve.key.named().items() if column in row}
-        row |= {
-            "h": h, "t_end": 0.03, "steps": 30, "role": "primary", "zeros": 0, "not_converged": 0,
-            "newton_iterations": 4.0, "status": "ok",
-        }  # fmt: skip
-        table.append(row | given)
-    return table
+    labels = {name: of for name, of in curve.key.named().items() if name in results.COLUMNS}
+    return [
+        row(**labels, h=h) | {"t_end": 0.03, "steps": 30} | given
+        for h, given in _POINTS[curve.study](curve).items()
+    ]
 
 
 def curves(figure):

@@ -287,7 +287,7 @@ def slopes(
     for label in series:
         of = [m for m in measurements if m.run.series == label]
         how = method({**options, **of[-1].run.method})
-        judged += study_slopes(_frame(of, label, how, motion.problem), Path(label))
+        judged += study_slopes(_frame(of, label, how, motion.problem), Path(label), {})
     if runs.abscissa != STEP_SIZE:
         judged = [replace(s, expected=math.nan, tolerance=math.nan, verdict=SHOWN, reason="")
                   for s in judged]  # fmt: skip

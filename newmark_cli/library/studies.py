@@ -2,8 +2,7 @@
 
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,6 @@ from newmark_cli.study import trajectories as kept
 from newmark_cli.study.axis import ALIASES
 from newmark_cli.study.config import Study
 from newmark_cli.study.subjects import Surroundings
-from newmark_cli.support import files
 from newmark_cli.support.documents import Document
 from newmark_cli.support.errors import ArgumentError, ExecutorError, InputError
 from newmark_cli.support.processors import usable
@@ -24,6 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from newmark_cli.report.drawing.style import Drawing
+    from newmark_cli.report.judging.slopes import Slope
 
 #: Attribute of a frame: study → what its record says besides the rows, as JSON.
 _RECORDS = "newmark-study records"
@@ -184,11 +183,10 @@ def slopes(frame: "pd.DataFrame") -> "pd.DataFrame":
     """
     import pandas as pd
 
-    from newmark_cli.report.judging.slopes import COLUMNS, collect
+    from newmark_cli.report.judging.slopes import COLUMNS
 
-    with _folder(frame) as folder:
-        rows = [slope.row() for slope in collect(folder)]
-        return pd.DataFrame(rows, columns=axes.present(COLUMNS, rows))
+    rows = [slope.row() for slope in _fits(frame)[0]]
+    return pd.DataFrame(rows, columns=axes.present(COLUMNS, rows))
 
 
 def plot(
@@ -228,7 +226,6 @@ def plot(
     from newmark_cli.report.drawing import draw
     from newmark_cli.report.drawing import plot as plotting
     from newmark_cli.report.drawing.sheets import Results, sheet
-    from newmark_cli.report.judging.slopes import collect
     from newmark_cli.report.reading.choosing import Choice
 
     sides = _sides(size)
@@ -238,27 +235,27 @@ def plot(
         arguments.one_of("argument", name, ("measure", *choosable))
         if not isinstance(value, str):
             raise ArgumentError(f"{name} must be text, given {arguments.shown(value)}")
-    with _folder(frame) as folder:
-        data = Results(folder, collect(folder))
-        chosen = Choice(
-            (choice["measure"],) if "measure" in choice else (),
-            {name: (choice[name],) if name in choice else () for name in choosable},
-            everything=True,
-        )
-        try:
-            figures = plotting.chosen((), data, chosen).figures
-        except InputError as error:
-            raise ArgumentError(str(error).replace("--", "")) from None
-        names = [plotting.stem(entry) for entry in figures]
-        if not figures:
-            raise ArgumentError("nothing to draw: no series has two step sizes")
-        if isinstance(figure, str):
-            place = names.index(arguments.one_of("figure", figure, names))
-        else:
-            place = 0 if figure is None else arguments.count("figure", figure)
-        if place >= len(figures):
-            raise ArgumentError(f"figure must be below {len(figures)}, given {place}")
-        return draw.drawn(sheet(figures[place], data), sides)
+    fits, recorded = _fits(frame)
+    data = Results(_NOWHERE, fits, in_memory=recorded)
+    chosen = Choice(
+        (choice["measure"],) if "measure" in choice else (),
+        {name: (choice[name],) if name in choice else () for name in choosable},
+        everything=True,
+    )
+    try:
+        figures = plotting.chosen((), data, chosen).figures
+    except InputError as error:
+        raise ArgumentError(str(error).replace("--", "")) from None
+    names = [plotting.stem(entry) for entry in figures]
+    if not figures:
+        raise ArgumentError("nothing to draw: no series has two step sizes")
+    if isinstance(figure, str):
+        place = names.index(arguments.one_of("figure", figure, names))
+    else:
+        place = 0 if figure is None else arguments.count("figure", figure)
+    if place >= len(figures):
+        raise ArgumentError(f"figure must be below {len(figures)}, given {place}")
+    return draw.drawn(sheet(figures[place], data), sides)
 
 
 def _sides(size: Any) -> tuple[float, float | None] | None:
@@ -291,10 +288,15 @@ def _study(study: Any, allow_code: bool, timeout: float | None) -> Study:
     raise ArgumentError(f"a study must be a file, a name or a dict, given {arguments.shown(study)}")
 
 
-@contextmanager
-def _folder(frame: Any) -> Iterator[Path]:
-    """A results folder with the rows of a frame: what reads CSVs reads them there."""
+#: The folder that messages name of rows in memory; nothing is read from it.
+_NOWHERE = Path("frame")
+
+
+def _fits(frame: Any) -> tuple[list["Slope"], dict[str, Any]]:
+    """Series of a frame, and study → what its record says; rows are checked as those of a CSV."""
     import pandas as pd
+
+    from newmark_cli.report.judging.slopes import study_slopes
 
     if not isinstance(frame, pd.DataFrame):
         raise ArgumentError(f"frame must be a DataFrame, given {arguments.shown(frame)}")
@@ -302,19 +304,11 @@ def _folder(frame: Any) -> Iterator[Path]:
     if lacking or frame.empty:
         why = f"lacks {', '.join(lacking)}" if lacking else "is empty"
         raise ArgumentError(f"frame must be rows of a study, as run returns them, but {why}")
-    described = frame.attrs.get(_RECORDS, {})
-    with tempfile.TemporaryDirectory(prefix="newmark-study-") as scratch:
-        folder = Path(scratch)
-        for study, rows in frame.groupby("study", sort=False):
-            path = folder / f"{study}.csv"
-            if path.parent != folder or path.name != f"{study}.csv":
-                raise ArgumentError(f"frame: {arguments.shown(study)} cannot be a study's name")
-            lines = [{str(k): v for k, v in row.items()} for row in rows.to_dict("records")]
-            files.write(path, results.csv_text(axes.present(results.COLUMNS, lines), lines))
-            if study in described:
-                files.write(path.with_suffix(".json"), described[study])
-        try:
-            yield folder
-        except InputError as error:
-            text = str(error).replace(f"{folder}/", "frame: ")
-            raise type(error)(text) from None
+    fits: list[Slope] = []
+    recorded = {study: json.loads(of) for study, of in frame.attrs.get(_RECORDS, {}).items()}
+    for study, rows in frame.groupby("study", sort=False):
+        path = _NOWHERE / f"{study}.csv"
+        lines = [{str(k): v for k, v in row.items()} for row in rows.to_dict("records")]
+        text = results.csv_text(axes.present(results.COLUMNS, lines), lines)
+        fits += study_slopes(reading.read_rows(path, text.encode()), path, recorded.get(study, {}))
+    return fits, recorded

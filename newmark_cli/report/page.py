@@ -48,9 +48,8 @@ def html(folder: Path) -> str:
     # Of studies of one's own, which no figure shows, nothing is folded away.
     shown = check.chosen(series, everything=not check.in_paper(series))
     studies = dict.fromkeys(slope.study for slope in series)
-    provenance = {study: records.known(folder / f"{study}.csv") for study in studies}
     changed = records.changed(folder, studies)
-    runs = [_run(study, record) for study, record in provenance.items()]
+    runs = [_run(study, records.known(folder / f"{study}.csv")) for study in studies]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("newmark_cli.report"),
         autoescape=True,

@@ -2,14 +2,13 @@
 
 import csv
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from newmark_cli.study import axes, results
-from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
+from newmark_cli.study.cell import STATUSES
 from newmark_cli.study.results import COLUMNS, NUMBERS, parse_csv
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError
@@ -60,27 +59,6 @@ def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> N
             raise ResultsError(f"{folder}: no results of {name!r}{nearest(name, known)}")
 
 
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Rows of a CSV by columns."""
-
-    columns: Mapping[str, list[Any]]  #: name of a column → what its rows have in it
-    lines: Sequence[int]  #: the line in which each row begins, counted from 1
-
-    def __getitem__(self, column: str) -> list[Any]:
-        return self.columns[column]
-
-    def rows(self, columns: Iterable[str]) -> Iterator[tuple[Any, ...]]:
-        """Values of the rows in some columns."""
-        return zip(*(self.columns[name] for name in columns), strict=True)
-
-    def frame(self) -> "pd.DataFrame":
-        """The same as a frame; its index is the lines."""
-        import pandas as pd
-
-        return pd.DataFrame(dict(self.columns), index=list(self.lines))
-
-
 def read_csv(
     path: Path, columns: Sequence[str], content: bytes | OSError | None = None
 ) -> "pd.DataFrame":
@@ -88,13 +66,16 @@ def read_csv(
 
     Its header must have these columns in this order, and its content may be known already.
     """
-    return _read_csv(path, columns, {}, content).frame()
+    import pandas as pd
+
+    texts, lines = _read_csv(path, columns, {}, content)
+    return pd.DataFrame(texts, index=lines)
 
 
 def _read_csv(
     path: Path, columns: Sequence[str], defaults: Mapping[str, str], content: bytes | OSError | None
-) -> Table:
-    """Rows of a CSV; columns with a default may be missing."""
+) -> tuple[dict[str, list[Any]], list[int]]:
+    """Columns of a CSV, and the line in which each row begins; those with a default may lack."""
     text = _text(path, content)
     try:
         rows, begins = parse_csv(text)
@@ -116,7 +97,7 @@ def _read_csv(
     table = dict(zip(header, map(list, zip(*rows[1:], strict=True)), strict=True))
     for name, usual in defaults.items():
         table.setdefault(name, [usual] * (len(rows) - 1))
-    return Table(table, begins[1:])
+    return table, begins[1:]
 
 
 def _text(path: Path, content: bytes | OSError | None) -> str:
@@ -134,14 +115,19 @@ def _text(path: Path, content: bytes | OSError | None) -> str:
 
 def read_study(path: Path) -> "pd.DataFrame":
     """Rows of one study's CSV."""
-    return read_rows(path).frame()
+    import pandas as pd
+
+    return pd.DataFrame(read_rows(path))
 
 
-def read_rows(path: Path) -> Table:
-    """`read_study` without pandas, which takes longer to import than most CSVs to read."""
-    contents = results.read(path)
-    texts = _read_csv(path, COLUMNS, results.DEFAULTS, contents[path])
-    columns, lines = dict(texts.columns), texts.lines
+def read_rows(path: Path, content: bytes | None = None) -> dict[str, list[Any]]:
+    """Columns of one study's CSV; pandas takes longer to import than most of them to read.
+
+    What is in memory already is read from its content, and has no record beside it.
+    """
+    record = path.with_suffix(".json")
+    contents = results.read(path) if content is None else {path: content, record: b"{}"}
+    columns, lines = _read_csv(path, COLUMNS, results.DEFAULTS, contents[path])
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in dict.fromkeys(columns[axis.name])}
         columns[axis.name] = [spellings[text] for text in columns[axis.name]]
@@ -155,13 +141,13 @@ def read_rows(path: Path) -> Table:
                     f"{path}, line {line}: {column} is {text!r}; allowed here: {', '.join(allowed)}"
                 )
     # A CSV that was cut at the end of a line tells by what stands beside it.
-    recorded = parsed(contents[path.with_suffix(".json")]).get("rows")
+    recorded = parsed(contents[record]).get("rows")
     if isinstance(recorded, int) and recorded != len(lines):
         raise ResultsError(
             f"{path}, line {lines[-1] + 1}: {len(lines)} rows where {recorded} were written; "
             "truncated?"
         )
-    return Table(columns, lines)
+    return columns
 
 
 def _numbers(path: Path, lines: Sequence[int], column: str, texts: Sequence[str]) -> list[float]:
@@ -172,47 +158,9 @@ def _numbers(path: Path, lines: Sequence[int], column: str, texts: Sequence[str]
         return [number(path, line, column, text) for line, text in zip(lines, texts, strict=True)]
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Recorded facts of a problem's motion; see `newmark_cli.study.motion.Facts`."""
-
-    singular: tuple[float, ...] = ()
-    still: bool = False
-    lost: str = ""  #: why marches of a series are not of this motion; empty where nothing tells
-
-
-@dataclass(frozen=True)
-class Facts:
-    """What verdicts must know of a study, by the record next to its CSV."""
-
-    accepted: tuple[str, ...]  #: statuses and verdicts that it is about
-    motions: Mapping[str, Motion]  #: problem → its motion
-    #: problem with reactions that are not unique → the redundant rows that were dropped of it
-    released: Mapping[str, tuple[str, ...]]
-    config: Any  #: the recorded config; None where there is none
-
-
-def facts(path: Path) -> Facts:
-    """The facts next to a CSV; there are none where it travels alone."""
-    record = parsed(results.read_record(path))
-    cases = [case for case in listed(mapping(record, "config"), "cases") if isinstance(case, dict)]
-    accepted = (word for case in cases for word in listed(case, "accept"))
-    known = (*STATUSES, NOT_CONVERGING)
-    moving, dropped = mapping(record, "motions"), mapping(record, "not_unique")
-    return Facts(
-        tuple(dict.fromkeys(word for word in accepted if word in known)),
-        {
-            label: Motion(
-                tuple(
-                    t for t in listed(mapping(moving, label), "singular") if isinstance(t, float)
-                ),
-                mapping(moving, label).get("still") is True,
-            )
-            for label in moving
-        },
-        {label: tuple(map(str, listed(mapping(dropped, label), "released"))) for label in dropped},
-        record.get("config"),
-    )
+def read_record(path: Path) -> dict[str, Any]:
+    """The record next to a CSV; empty where there is none that can be read."""
+    return parsed(results.read_record(path))
 
 
 def mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:

@@ -1,5 +1,7 @@
 """Studies in notebooks: the rows, fits and figures of the command line."""
 
+import tempfile
+
 import pandas as pd
 import pytest
 from command_line import CommandLine
@@ -107,6 +109,14 @@ def test_part_of_a_frame(frame):
     assert set(found["verdict"]) == {"pass"}
 
 
+def test_fits_and_figures_take_no_files(frame, monkeypatch):
+    """A frame is judged and drawn in memory, whatever stands in the folder."""
+    for name in ("TemporaryDirectory", "mkdtemp", "mkstemp"):
+        monkeypatch.setattr(tempfile, name, None)
+    assert set(newmark.slopes(frame)["verdict"]) == {"pass"}
+    assert newmark.plot(frame, measure="condition", form="u-lambda").axes
+
+
 def test_figures_draw_the_rows(frame):
     """The points of a figure are the values of the frame; the axes say what they are."""
     figure = newmark.plot(frame, measure="condition", form="u-lambda")
@@ -138,8 +148,8 @@ def test_figures_draw_the_rows(frame):
         (lambda frame: newmark.slopes([1]), "frame must be a DataFrame"),
         (lambda frame: newmark.slopes(frame.drop(columns="h")), "but lacks h"),
         (lambda frame: newmark.slopes(frame[:0]), "but is empty"),
-        (lambda frame: newmark.slopes(frame.assign(h="x")), "frame: swing.csv, line 2: h: not"),
-        (lambda frame: newmark.slopes(frame.assign(study="../x")), "cannot be a study's name"),
+        (lambda frame: newmark.slopes(frame.assign(h="x")), "frame/swing.csv, line 2: h: not"),
+        (lambda frame: newmark.slopes(frame.assign(study="../x")), "study is '../x'"),
         (lambda frame: newmark.plot(frame, 99), "figure must be below 14, given 99"),
         (lambda frame: newmark.plot(frame, "mine"), "unknown figure 'mine'"),
         (lambda frame: newmark.plot(frame, measure="x"), "measure: unknown measure 'x'"),

@@ -6,25 +6,22 @@ import shutil
 import numpy as np
 import pytest
 import synthetic
-from click.testing import CliRunner
+from command_line import invoke
 from each import each
 
-from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report.judging import expectations
-from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results, shipped
-from newmark_cli.study.axes import series_axes
 from newmark_cli.study.entries import expectations as plain
-from newmark_cli.study.reading import read_rows
 
 EVERY_FIGURE = each("figure", synthetic.CLAIMING)
 
 
 def judged(path):
     """Claims of a study by its CSV."""
-    return expectations.claims(expectations.judge(path.parent, study_slopes(read_rows(path), path)))
+    return expectations.claims(expectations.judge(path.parent, of_csv(path)))
 
 
 @EVERY_FIGURE
@@ -83,17 +80,9 @@ def written(folder, *entries, drop=()):
     rows = []
     for quantity, values in VALUES.items():
         for h, value in zip((1.0, 0.1, 0.01), values, strict=True):
-            row = dict.fromkeys(results.COLUMNS, "")
-            row |= {axis.name: axis.usual for axis in series_axes() if axis.usual}
-            row |= {
-                "study": "own", "problem": "pendulum", "form": "u-v-lambda",
-                "preconditioning": "none", "integrator": "newmark beta=0.25 gamma=0.5",
-                "quantity": quantity, "measure": "correction", "role": "primary", "h": h,
-                "t_end": 3.0, "steps": 100, "rms": value, "zeros": 0, "not_converged": 0,
-                "newton_iterations": 4.0, "status": "ok",
-            }  # fmt: skip
+            where = {"problem": "pendulum", "form": "u-v-lambda", "quantity": quantity}
             if (quantity, h) not in drop:
-                rows.append(row)
+                rows.append(synthetic.row(value, h=h, steps=100, **where))
     path = folder / "own.csv"
     path.write_text(results.csv_text(results.COLUMNS, rows))
     record = {
@@ -128,12 +117,8 @@ TO_LAMBDA = {"over": {"quantity": ["lambda"]}}
         ({"status": "ok"}, "u, smallest h: ok", np.nan, PASS),
         ({"status": "stagnated"}, "u, smallest h: stagnated", np.nan, MISS),
         ({"slope": 2, "within": 0.4}, "u: slope 2 ± 0.4", 2.0, PASS),
-        (
-            {"slope": 1, "within": 0.1},
-            "u: slope 1 ± 0.1",
-            2.0,
-            MISS,
-        ),  # faster than written is not as written
+        # Faster than written is not as written.
+        ({"slope": 1, "within": 0.1}, "u: slope 1 ± 0.1", 2.0, MISS),
     ],
 )
 def test_kinds(tmp_path, given, text, value, verdict):
@@ -154,11 +139,8 @@ def test_quotients_need_the_same_step_sizes(tmp_path):
 
 def checked(folder, *options):
     """Exit code and output of `check` in this process."""
-    done = CliRunner().invoke(
-        command_line, ["check", "--results", str(folder), *options], standalone_mode=False
-    )
-    assert done.exception is None, done.exception
-    return done.return_value, done.stdout
+    done = invoke(["check", "--results", folder, *options], folder)
+    return done.returncode, done.stdout
 
 
 def test_check_prints_claims(tmp_path):
@@ -183,13 +165,9 @@ def test_check_prints_claims(tmp_path):
     found = json.loads(checked(tmp_path, "--json")[1])
     assert len(found) == 5 + 4 + 11
     assert found[-1] == {
-        "figure": "12",
-        "study": "tolerance",
-        "claim": "left, h = 1e-07: at most 0.5",
-        "measured": "0",
-        "value": 0.0,
-        "verdict": "pass",
-    }
+        "figure": "12", "study": "tolerance", "claim": "left, h = 1e-07: at most 0.5",
+        "measured": "0", "value": 0.0, "verdict": "pass",
+    }  # fmt: skip
 
 
 @each(
@@ -263,11 +241,8 @@ def test_a_shipped_study_stays_one_whatever_its_record_lacks(committed_folder, t
     path = tmp_path / "history.csv"
     shutil.copy(committed_folder / path.name, path)
     record = json.loads((committed_folder / "history.json").read_text())
-    del (
-        record["config"]["expect"],
-        record["config"]["figures"],
-        record["config"]["cases"][0]["twins"],
-    )
+    del record["config"]["expect"], record["config"]["figures"]
+    del record["config"]["cases"][0]["twins"]
     for kept in (None, record):
         if kept:
             path.with_suffix(".json").write_text(json.dumps(kept))

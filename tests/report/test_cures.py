@@ -1,17 +1,15 @@
 """The figures of cures against CSVs made by hand; drifts over time."""
 
-import csv
-
 import numpy as np
 import pytest
 import synthetic
+from conftest import rows_in
 
-from newmark_cli.report.drawing import sheets
+from newmark_cli.report.drawing import plot, sheets
 from newmark_cli.report.drawing.sheets import Results
-from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study.reading import read_study
 from newmark_cli.support.errors import ResultsError
 
 
@@ -19,7 +17,7 @@ def test_errors_of_every_cure(tmp_path):
     """Figure 16: a row for each problem, a column for each group, each trace its CSV's points."""
     figure = FIGURES["16"]
     path = synthetic.write(tmp_path, figure)
-    sheet = sheets.sheet(figure, Results(tmp_path, study_slopes(read_study(path), path)))
+    sheet = sheets.sheet(figure, Results(tmp_path, of_csv(path)))
     assert (sheet.columns, len(sheet.panels)) == (3, 9)
     looks = {}
     for panel, part in zip(sheet.panels, figure.parts, strict=True):
@@ -39,7 +37,7 @@ def test_drifts_over_time(tmp_path):
     figure = FIGURES["18"]
     path = synthetic.write(tmp_path, figure)
     synthetic.write_drifts(tmp_path, figure, {"andrews": 1e-5, "shaken-pendulum": 1e-3})
-    given = Results(tmp_path, study_slopes(read_study(path), path))
+    given = Results(tmp_path, of_csv(path))
     sheet = sheets.sheet(figure, given)
     assert (sheet.columns, len(sheet.panels)) == (2, 4)
     curves = {(c.problem, c.label): c for c in figure.curves}
@@ -57,17 +55,24 @@ def test_drifts_over_time(tmp_path):
         sheets.require(figure, given)
 
 
-def test_trajectories_of_drifts(cli):
+def test_drifts_of_ones_own(cli):
+    """What cells record, and the figure of it: no kind is only of shipped studies."""
     (cli.folder / "mine.yaml").write_text(
         "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
         "formulation: [index-1, ggl]\nmeasure: trajectory\ntrajectory: {every: 5, keep: drift}\n"
         "h: 1e-2\nt_end: 0.5\n"
+        "figures: [{measure: trajectory, kind: drift, panels: quantity, series: formulation}]\n"
     )
     cli("run", "mine.yaml")
-    with (cli.folder / "results/trajectory/mine.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    with (cli.folder / "results/mine.csv").open() as file:
-        largest = {(r["formulation"], r["quantity"]): float(r["max"]) for r in csv.DictReader(file)}
+    given = Results(cli.folder / "results", of_csv(cli.folder / "results/mine.csv"))
+    (figure,) = plot.chosen((), given).figures
+    panels = sheets.sheet(figure, given).panels
+    assert [(panel.title, [trace.label for trace in panel.traces]) for panel in panels] == [
+        ("position", ["index-1", "ggl"]), ("velocity", ["index-1", "ggl"]),
+    ]  # fmt: skip
+    assert all(len(trace.x) == 10 for panel in panels for trace in panel.traces)
+    rows, kept = (rows_in(cli.folder / f"results/{n}.csv") for n in ("trajectory/mine", "mine"))
+    largest = {(row["formulation"], row["quantity"]): float(row["max"]) for row in kept}
     assert [int(row["step"]) for row in rows] == [*range(0, 51, 5)] * 2
     for formulation in ("index-1", "ggl"):
         for name in ("position", "velocity"):

@@ -13,7 +13,7 @@ from newmark_cli.report.drawing import sheets
 from newmark_cli.report.drawing.panels import LOOKS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.fits import Fit, format_fit, power_law
-from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, results
 from newmark_cli.study.measures import RECORDS
@@ -65,7 +65,7 @@ STUDY_FIGURES = [FIGURES[name] for name in ("10", "11", "12", "13")]
 def sheet_of(folder, figure, table=None):
     """What a figure past the paper draws of synthetic results."""
     path = synthetic.write(folder, figure, table)
-    return sheets.sheet(figure, Results(folder, study_slopes(read_study(path), path)))
+    return sheets.sheet(figure, Results(folder, of_csv(path)))
 
 
 @each("figure", STUDY_FIGURES)
@@ -241,4 +241,4 @@ def test_shipped_configs_give_what_figures_draw(figure):
 )
 def test_fits_are_written_with_two_decimals(slope, stderr, text):
     """A true minus sign, no minus zero, no error that would be 0.00."""
-    assert format_fit(Fit(slope, stderr, 0.0, 4)) == text
+    assert format_fit(Fit(slope, stderr, 4)) == text

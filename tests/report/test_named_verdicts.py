@@ -6,9 +6,8 @@ import pytest
 from bench import VERDICTS, bench
 from each import each
 
-from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.judging.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
-from newmark_cli.study.reading import read_study
 
 NAMED = bench("named")
 with (VERDICTS / "truth.csv").open() as file:
@@ -20,7 +19,7 @@ def judged(tmp_path_factory):
     folder = tmp_path_factory.mktemp("named")
     NAMED.write(folder)
     path = folder / f"{NAMED.STUDY}.csv"
-    return {slope.problem: slope for slope in study_slopes(read_study(path), path)}
+    return {slope.problem: slope for slope in of_csv(path)}
 
 
 @each("series", NAMED.NAMED)

@@ -7,17 +7,15 @@ from dataclasses import replace
 import matplotlib as mpl
 import numpy as np
 import synthetic
-from click.testing import CliRunner
+from command_line import invoke
 from each import each
 
-from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report.drawing import draw, panels, plot, sheets, traces
 from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, look
 from newmark_cli.report.drawing.sheets import Results
-from newmark_cli.report.judging.slopes import study_slopes
+from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import results
-from newmark_cli.study.reading import read_study
 
 H = np.array([1e-4, 1e-3, 1e-2, 1e-1])
 
@@ -172,27 +170,19 @@ def test_ticks_within_a_decade():
         assert expected <= seen
 
 
-def ran(*arguments):
-    """What a command in this process printed."""
-    done = CliRunner().invoke(command_line, [*map(str, arguments)], standalone_mode=False)
-    assert done.exception is None, done.exception
-    assert done.return_value == 0
-    return done
-
-
 @each("problem", ["andrews", "pendulum", "andrews.yaml"])
 def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     """Figure 6 is not drawn into a stranger's results, unless it is asked for by name."""
     own = [row | {"study": "own", "problem": problem} for row in synthetic.rows(FIGURES["12"])]
     path = tmp_path / "own.csv"
     path.write_text(results.csv_text(results.COLUMNS, own))
-    given = Results(tmp_path, study_slopes(read_study(path), path))
+    given = Results(tmp_path, of_csv(path))
     found = plot.chosen((), given).figures
     assert (FIGURES["6"] in found) == (problem == "andrews")
     # The study has a figure of its own, whatever it is about.
     assert any(figure.name.startswith("own-") for figure in found)
-    printed = ran("plot", "6", "--results", tmp_path, "--format", "svg").stdout
-    assert printed.split() == [f"{tmp_path}/figures/figure-6.svg"]
+    printed = invoke(["plot", "6", "--results", ".", "--format", "svg"], tmp_path).stdout
+    assert printed.split() == ["figures/figure-6.svg"]
 
 
 @each("value, text", [(0.0005, "0.0005"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")])

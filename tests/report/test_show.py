@@ -1,7 +1,6 @@
 """`show`, and how tables fit a terminal: values as in the CSV, nothing lost, colour for people."""
 
 import contextlib
-import csv
 import fcntl
 import json
 import math
@@ -15,6 +14,7 @@ from unittest import mock
 
 import pytest
 import synthetic
+from conftest import rows_in
 from each import each
 from test_slopes import power, series
 
@@ -44,8 +44,7 @@ def test_values_and_local_orders(cli):
     lines = tables(cli("show", "own").stdout)
     start = lines.index(["h", "value"])
     printed = lines[start + 2 : start + 6]
-    with path.open(newline="") as file:
-        by_h = sorted((float(r["h"]), float(r["last"])) for r in csv.DictReader(file))[::-1]
+    by_h = sorted((float(row["h"]), float(row["last"])) for row in rows_in(path))[::-1]
     for place, ((h, value), line) in enumerate(zip(by_h, printed, strict=True)):
         assert line[:2] == [f"{h:g}", f"{value:.3g}"]
         if place:
@@ -59,10 +58,8 @@ def test_fits_are_those_of_slopes_csv(cli, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     cli("run", "pendulum-u")
     cli("plot", "1")
-    with (cli.folder / "results/slopes.csv").open(newline="") as file:
-        fits = {
-            (r["measure"], r["quantity"], r["preconditioning"]): r for r in csv.DictReader(file)
-        }
+    rows = rows_in(cli.folder / "results/slopes.csv")
+    fits = {(row["measure"], row["quantity"], row["preconditioning"]): row for row in rows}
     lines = tables(cli("show", "pendulum-u", "--quantity", "jacobian").stdout)
     assert ["h", "none", "left", "right", "optimal"] in lines
     (slopes,) = (line for line in lines if line[0].startswith("slope"))
@@ -75,8 +72,8 @@ def test_fits_are_those_of_slopes_csv(cli, monkeypatch):
     (study,) = json.loads(cli("show", "pendulum-u", "--json", "--measure", "condition").stdout)
     assert (study["cells"], study["statuses"]) == (16, {"ok": 16})
     assert len(study["series"]) == 4
-    with (cli.folder / "results/pendulum-u.csv").open(newline="") as file:
-        rows = [r for r in csv.DictReader(file) if r["measure"] == "condition"]
+    rows = rows_in(cli.folder / "results/pendulum-u.csv")
+    rows = [row for row in rows if row["measure"] == "condition"]
     for found in study["series"]:
         ours = [r for r in rows if r["preconditioning"] == found["preconditioning"]]
         points = {p["h"]: p["value"] for p in found["values"]}
@@ -165,21 +162,11 @@ def test_studies_of_a_folder(cli):
     write(cli, series({1e-1: ""}, status="failed", measure="", quantity="", role=""), "broken")
     found = {study["study"]: study for study in json.loads(cli("show", "--json").stdout)}
     assert found == {
-        "broken": {
-            "study": "broken",
-            "cells": 1,
-            "statuses": {"failed": 1},
-            "measures": [],
-            "verdicts": {"incomplete": 1},
-        },
-        "own": {
-            "study": "own",
-            "cells": 4,
-            "statuses": {"ok": 4},
-            "measures": ["correction"],
-            "verdicts": {"pass": 1},
-        },
-    }
+        "broken": {"study": "broken", "cells": 1, "statuses": {"failed": 1}, "measures": [],
+                   "verdicts": {"incomplete": 1}},
+        "own": {"study": "own", "cells": 4, "statuses": {"ok": 4}, "measures": ["correction"],
+                "verdicts": {"pass": 1}},
+    }  # fmt: skip
     assert ["own", "4 ok", "correction", "1 pass"] in tables(cli("show").stdout)
     assert "andrews, u-lambda: incomplete, cells failed: none" in cli("show", "broken").stdout
 
@@ -198,10 +185,8 @@ def test_check_of_one_study(cli):
     write(cli, series(power(-3)), "bad")
     before = sorted(cli.folder.rglob("*"))
     whole = cli("check", code=1)
-    assert {r["study"] for r in json.loads(cli("check", "--json", code=1).stdout)} == {
-        "good",
-        "bad",
-    }
+    everything = json.loads(cli("check", "--json", code=1).stdout)
+    assert {row["study"] for row in everything} == {"good", "bad"}
     done = cli("check", "good")
     assert done.stdout == "1 of 1 slopes as predicted\n"
     assert [r["study"] for r in json.loads(cli("check", "good", "--json").stdout)] == ["good"]

@@ -8,6 +8,7 @@ import json
 
 import numpy as np
 import pytest
+import synthetic
 from conftest import QUICK
 from each import each
 
@@ -19,7 +20,6 @@ from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
 from newmark_cli.study import results
-from newmark_cli.study.axes import series_axes
 from newmark_cli.study.entries import TableConfig
 from newmark_cli.support.errors import InputError
 
@@ -29,15 +29,11 @@ H = (1e-1, 1e-2, 1e-3, 1e-4)
 
 def row(h, value, **columns):
     """Row of a study `mine`, whatever the columns do not say as usual."""
-    found = dict.fromkeys(results.COLUMNS, "")
-    found |= {axis.name: axis.usual for axis in series_axes() if axis.usual}
-    found |= {
-        "study": "mine", "problem": "hoist.yaml", "integrator": TRAPEZOIDAL, "form": "u-lambda",
-        "preconditioning": "optimal", "linear_solver": "dense-lu", "h": h, "t_end": 1.0,
-        "steps": round(1 / h), "rounding": 1e-16, "quantity": "u", "measure": "error",
-        "role": "primary", "zeros": 0, "not_converged": 0, "newton_iterations": 3.0, "status": "ok",
+    usual = {
+        "study": "mine", "problem": "hoist.yaml", "preconditioning": "optimal", "quantity": "u",
+        "measure": "error", "steps": round(1 / h), "rounding": 1e-16,
     }  # fmt: skip
-    return found | dict.fromkeys(("rms", "max", "median", "last"), value) | columns
+    return synthetic.row(value, h=h, **usual | columns)
 
 
 def table(order=2.0, h=H, **given):
@@ -394,40 +390,31 @@ def test_a_definition_that_means_several_figures_gives_several(tmp_path):
     ]
 
 
-FIGURE_MISTAKES = [
+#: Keys of a figure that begin one by one, and of one that is known by its number.
+SHOWS, NUMBERED = "measure: correction", "figure: 7, problem: pendulum, quantity: u"
+
+
+@each("text, told", [
     ("- measure: correcton", "line 8: figures[1].measure: unknown measure 'correcton'"),
     ("- measure: error", "line 8: figures[1].measure: 'error' is not among the study's"),
     ("- quantity: u", "line 8: figures[1].measure: missing"),
     ("- {measure: condition, quantity: u}", "line 8: figures[1].quantity: condition has no 'u'"),
-    ("- {measure: correction, series: h}", "line 8: figures[1].series: unknown axis 'h'"),
-    ("- {measure: correction, form: v-lambda}", "figures[1].form: 'v-lambda' is not among"),
-    ("- {measure: correction, problem: pendlum}", "did you mean 'pendulum'?"),
-    ("- {measure: correction, series: form, panels: form}", "panels: form already tells"),
-    ("- {measure: correction, titel: x}", "unknown key; did you mean 'title'?"),
-    ("- {measure: correction, style: {backend: agg}}", "figures[1].style"),
-    ("- {measure: correction, name: a/b}", "name: must be a name of letters"),
-    (
-        "- {measure: correction, name: a}\n- {measure: condition, name: a}",
-        "line 9: figures[2].name",
-    ),
-    (
-        "- {measure: correction, figure: 7, problem: pendulum, quantity: u, series: form,\n"
-        "   form: u-lambda}",
-        "line 8: figures[1].title: missing",
-    ),
-    ("- {measure: correction, curves: [{label: x}]}", "figures[1].curves: belong to a figure"),
-    ("- {measure: correction, kind: order}", "line 8: figures[1].kind: unknown name 'order'; did"),
-    ("- {measure: correction, columns: 9}", "line 8: figures[1].columns: must be"),
-    (
-        "- {measure: correction, figure: 7, title: t, problem: pendulum, quantity: u,\n"
-        "   curves: [{label: a, colour: red}]}",
-        "line 9: figures[1].curves[1].colour: unknown key",
-    ),
+    (f"- {{{SHOWS}, series: h}}", "line 8: figures[1].series: unknown axis 'h'"),
+    (f"- {{{SHOWS}, form: v-lambda}}", "figures[1].form: 'v-lambda' is not among"),
+    (f"- {{{SHOWS}, problem: pendlum}}", "did you mean 'pendulum'?"),
+    (f"- {{{SHOWS}, series: form, panels: form}}", "panels: form already tells"),
+    (f"- {{{SHOWS}, titel: x}}", "unknown key; did you mean 'title'?"),
+    (f"- {{{SHOWS}, style: {{backend: agg}}}}", "figures[1].style"),
+    (f"- {{{SHOWS}, name: a/b}}", "name: must be a name of letters"),
+    (f"- {{{SHOWS}, name: a}}\n- {{measure: condition, name: a}}", "line 9: figures[2].name"),
+    (f"- {{{SHOWS}, {NUMBERED},\n   series: form, form: u-lambda}}", "[1].title: missing"),
+    (f"- {{{SHOWS}, curves: [{{label: x}}]}}", "figures[1].curves: belong to a figure"),
+    (f"- {{{SHOWS}, kind: order}}", "line 8: figures[1].kind: unknown name 'order'; did"),
+    (f"- {{{SHOWS}, columns: 9}}", "line 8: figures[1].columns: must be"),
+    (f"- {{{SHOWS}, {NUMBERED}, title: t,\n   curves: [{{label: a, colour: red}}]}}",
+     "line 9: figures[1].curves[1].colour: unknown key"),
     (" []", "line 7: figures: must have at least 1 item, given 0"),
-]
-
-
-@each("text, told", FIGURE_MISTAKES)
+])  # fmt: skip
 def test_mistakes_in_figures_are_found(cli, text, told):
     cli.write("quick.yaml", f"{QUICK}figures:\n{text}\n")
     line = cli.refused("validate", "quick.yaml")
@@ -673,19 +660,13 @@ def test_tables_of_ones_own(mine):
         assert (row["quantity"], row["predicted"], row["verdict"]) == ("u", "2.0", "pass")
 
 
-@each(
-    "options, told",
-    [
-        (("--rows", "quantiti"), "--rows: unknown axis 'quantiti'; did you mean 'quantity'?"),
-        (("--values", "slop"), "--values: unknown value 'slop'; did you mean 'slope'?"),
-        (
-            ("--columns", "preconditioning"),
-            "--columns: preconditioning already tells",
-        ),
-        (("--list", "--columns", "form"), "--columns: --list has none"),
-        (("--quantity", "z"), "--quantity: no series of 'z' in the results"),
-    ],
-)
+@each("options, told", [
+    (("--rows", "quantiti"), "--rows: unknown axis 'quantiti'; did you mean 'quantity'?"),
+    (("--values", "slop"), "--values: unknown value 'slop'; did you mean 'slope'?"),
+    (("--columns", "preconditioning"), "--columns: preconditioning already tells"),
+    (("--list", "--columns", "form"), "--columns: --list has none"),
+    (("--quantity", "z"), "--quantity: no series of 'z' in the results"),
+])  # fmt: skip
 def test_wrong_tables(mine, options, told):
     """What there is not is one line."""
     assert told in mine.refused("tables", "mine", *options)
@@ -736,24 +717,6 @@ tables:
     cli.write("other.yaml", study + tables.replace("measure: condition", "measure: floor"))
     line = cli.refused("validate", "other.yaml")
     assert "tables[1].measure: 'floor' is not among the study's" in line
-
-
-def test_drift_of_ones_own_over_time(cli):
-    """A kind of figure is nothing that only shipped studies have."""
-    cli.write(
-        "mine.yaml",
-        "study: mine\nproblem: shaken-pendulum\nform: a-lambda\npreconditioning: optimal\n"
-        "formulation: [index-1, ggl]\nmeasure: trajectory\ntrajectory: {every: 5, keep: drift}\n"
-        "h: 1e-2\nt_end: 0.5\n"
-        "figures: [{measure: trajectory, kind: drift, panels: quantity, series: formulation}]\n",
-    )
-    cli("run", "mine.yaml")
-    given = Results(cli.folder / "results", collect(cli.folder / "results"))
-    (figure,) = plot.chosen((), given).figures
-    assert [(p.title, [t.label for t in p.traces]) for p in sheets.sheet(figure, given).panels] == [
-        ("position", ["index-1", "ggl"]), ("velocity", ["index-1", "ggl"]),
-    ]  # fmt: skip
-    assert all(len(t.x) == 10 for p in sheets.sheet(figure, given).panels for t in p.traces)
 
 
 def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):

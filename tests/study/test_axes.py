@@ -13,7 +13,7 @@ from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report.judging import slopes
-from newmark_cli.study import axes, config, reading, results
+from newmark_cli.study import axes, config, results
 
 #: The columns of CSVs as they have always been, by hand.
 STUDY_COLUMNS = (
@@ -60,9 +60,9 @@ def test_older_csvs_are_read_with_defaults(cli, committed_folder, missing):
     """A column that did not exist has the value that went without saying; verdicts stay."""
     path = cli.folder / "pendulum-u.csv"
     path.write_text((committed_folder / path.name).read_text())
-    now = [slope.row() for slope in slopes.study_slopes(reading.read_study(path), path)]
+    now = [slope.row() for slope in slopes.of_csv(path)]
     strip(path, *missing)
-    then = [slope.row() for slope in slopes.study_slopes(reading.read_study(path), path)]
+    then = [slope.row() for slope in slopes.of_csv(path)]
     assert json.dumps(then) == json.dumps(now)
 
 

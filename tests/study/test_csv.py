@@ -12,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from newmark_cli.report.judging import slopes
-from newmark_cli.study.reading import SERIES, read_rows, read_study
+from newmark_cli.study.reading import SERIES, read_record, read_rows, read_study
 from newmark_cli.study.results import NUMBERS, csv_text, parse_csv
 
 #: Names that a spreadsheet would compute, or begin a cell in.
@@ -84,7 +84,7 @@ def test_rows_and_series_are_those_that_pandas_finds(committed_folder, study):
         np.testing.assert_array_equal(table[column], frame[column].to_numpy(float), column)
     axes = [name for name in SERIES if name in frame]  # others have one value only
     groups = frame.groupby([*axes, frame["steps"] == 0], sort=False)
-    found = slopes.study_slopes(table, path)
+    found = slopes.of_csv(path)
     assert len(found) == len(groups) > 3
     for slope, (_, rows) in zip(found, groups, strict=True):
         assert (slope.measure, slope.quantity) == tuple(rows.iloc[0][["measure", "quantity"]])
@@ -93,7 +93,7 @@ def test_rows_and_series_are_those_that_pandas_finds(committed_folder, study):
         np.testing.assert_array_equal(slope.values, slope.record.drawn(rows))
     texts = [
         csv_text(slopes.COLUMNS, [slope.row() for slope in each])
-        for each in (found, slopes.study_slopes(read_study(path), path))
+        for each in (found, slopes.study_slopes(read_study(path), path, read_record(path)))
     ]
     assert texts[0] == texts[1]
 

@@ -74,7 +74,7 @@ def test_sample_steps(steps, samples):
 
 @given(st.floats(-6, 6), st.floats(-20, 20), st.integers(3, 12), st.integers(0, 2**32 - 1))
 def test_fit_is_ordinary_least_squares(slope, intercept, points, seed):
-    """Slope, intercept and standard error against SciPy's regression."""
+    """Slope and standard error against SciPy's regression."""
     from scipy.stats import linregress  # which takes a second to import
 
     random = np.random.default_rng(seed)
@@ -84,7 +84,6 @@ def test_fit_is_ordinary_least_squares(slope, intercept, points, seed):
     expected = linregress(np.log10(h), np.log10(values))
     assert found.slope == pytest.approx(expected.slope, rel=1e-7, abs=1e-9)
     assert found.stderr == pytest.approx(expected.stderr, rel=1e-6, abs=1e-9)
-    assert found.intercept == pytest.approx(expected.intercept, rel=1e-7, abs=1e-7)
     assert found.points == points
 
 

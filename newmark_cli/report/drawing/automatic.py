@@ -17,7 +17,6 @@ from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
 from newmark_cli.report.judging.slopes import Slope
-from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import grouped, is_among
 from newmark_cli.report.reading.figures import (
     Figure,
@@ -71,7 +70,7 @@ def figures(
     """
     ours = [s for s in results.slopes if s.study == study and s.measure and keep(s)]
     spent = costs(results, [slope for slope in ours if slope.measure == "error"])
-    recorded = records.known(results.folder / f"{study}.csv").get("titles")
+    recorded = results.record(study).get("titles")
     titles = recorded if isinstance(recorded, dict) else {}
     arranged: list[Figure] = []
     for definition in _usual(ours) if defined is None else defined:

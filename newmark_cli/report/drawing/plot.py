@@ -45,7 +45,7 @@ class Chosen:
     def named(self, name: str) -> list[Figure]:
         """Figures that a name stands for: a figure, a study, or one figure of a study."""
         # By number or word: those of the studies that are there, else the shipped ones.
-        own = [figure for figure in _own(self.studies, self.results.folder) if figure.name == name]
+        own = [figure for figure in _own(self.studies, self.results) if figure.name == name]
         if figures := own or [figure for figure in FIGURES.values() if figure.name == name]:
             if name in self.studies and all(figure.study != name for figure in figures):
                 self.notes.append(f"{name!r} is a figure and a study: the figure is drawn")
@@ -84,11 +84,11 @@ class Chosen:
 
         Where those that a config defines do not show what is chosen, others do.
         """
-        own = _own([study], self.results.folder)
+        own = _own([study], self.results)
         figures = [figure for figure in own if self._is_whole(figure)]
         if figures and figures[0] in FIGURES.values():
             return figures
-        defined = _recorded(study, self.results.folder, entries.figures) or None
+        defined = _recorded(study, self.results, entries.figures) or None
         keep = self.choice.keeps, self.choice.kinds
         figures += automatic.figures(study, self.results, defined, *keep)
         if not figures and defined:
@@ -165,23 +165,20 @@ def needs_results(names: Sequence[str], folder: Path) -> bool:
     if not names or any(name not in FIGURES or FIGURES[name].curves for name in names):
         return True
     studies = [file.stem for file in folder.glob("*.csv")]
-    own = (figure for figure in _own(studies, folder) if figure.name in names)
+    own = (figure for figure in _own(studies, Results(folder, ())) if figure.name in names)
     return any(figure is not FIGURES.get(figure.name) for figure in own)
 
 
-def _own(studies: Iterable[str], folder: Path) -> Iterator[Figure]:
-    """Figures with a number or word of studies in a folder."""
+def _own(studies: Iterable[str], results: Results) -> Iterator[Figure]:
+    """Figures with a number or word of studies."""
     for study in studies:
-        yield from _recorded(study, folder, partial(of_study, study))
+        yield from _recorded(study, results, partial(of_study, study))
 
 
-def _recorded(study: str, folder: Path, read: Callable[[Any], Kept]) -> Kept:
+def _recorded(study: str, results: Results, read: Callable[[Any], Kept]) -> Kept:
     """Figures in the recorded config of a study, as they are read there."""
-    path = folder / f"{study}.csv"
-    try:
-        return read(records.known(path).get("config"))
-    except ValueError as error:
-        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+    path = results.folder / f"{study}.csv"
+    return records.told(path, read, results.record(study).get("config"))
 
 
 def of_studies(studies: Collection[str]) -> list[Figure]:

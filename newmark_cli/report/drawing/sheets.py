@@ -16,6 +16,7 @@ from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain, power
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
+from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
 from newmark_cli.report.reading.history import Recorded, read_recorded
 from newmark_cli.report.reading.words import quantity
@@ -32,6 +33,14 @@ class Results:
     slopes: Sequence[Slope]  #: series of its CSVs
     #: What work is measured by, of `newmark_cli.report.drawing.work.COSTS`.
     cost: str = "operations"
+    #: Study → its record, of rows that no folder has; None to read those of the folder.
+    in_memory: Mapping[str, Mapping[str, Any]] | None = None
+
+    def record(self, study: str) -> Mapping[str, Any]:
+        """What the record of a study says; empty where there is none."""
+        if self.in_memory is not None:
+            return self.in_memory.get(study, {})
+        return records.known(self.folder / f"{study}.csv")
 
     @cached_property
     def by_key(self) -> Mapping[SeriesKey, Slope]:
@@ -216,6 +225,8 @@ _DRIFTS = {
 
 def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
     """Recorded time series of a figure; raises `ResultsError` if one is missing."""
+    if results.in_memory is not None:
+        raise ResultsError(f"{results.folder}: no trajectories, which figure {figure.name} draws")
     series, cells = results.by_key, []
     for curve in figure.curves:
         smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan

@@ -57,9 +57,7 @@ def costs(results: "Results", slopes: Sequence["Slope"]) -> Costs:
     """Costs of the cells behind the points of series, from the records of their studies."""
     key = COSTS[results.cost].key
     studies = dict.fromkeys(slope.study for slope in slopes)
-    of_study = {
-        study: _of_cells(records.known(results.folder / f"{study}.csv"), key) for study in studies
-    }
+    of_study = {study: _of_cells(results.record(study), key) for study in studies}
     return {
         slope.key: np.array(
             [

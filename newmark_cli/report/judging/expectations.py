@@ -21,12 +21,10 @@ from newmark_cli.report.judging.text import format_orders, gathered
 from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, SHOWN, UNDECIDED, joined
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.words import quantity
-from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.entries import ExpectConfig, expectations
 from newmark_cli.study.reading import mapping
 from newmark_cli.support.arrays import Array, Mask
-from newmark_cli.support.errors import ResultsError
 
 
 @dataclass(frozen=True)
@@ -104,10 +102,7 @@ def judge(folder: Path, slopes: Sequence[Slope]) -> list[Expected]:
     for study in dict.fromkeys(slope.study for slope in slopes):
         path = folder / f"{study}.csv"
         record = records.known(path)
-        try:
-            wanted = expectations(shipped.config_of(study, record, "expect"))
-        except ValueError as error:
-            raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+        wanted = records.configured(path, "expect", expectations)
         ours = {slope.key: slope for slope in slopes if slope.study == study}
         for number, expectation in enumerate(wanted, 1):
             place = _place(record, number)

@@ -9,29 +9,17 @@ import numpy as np
 
 from newmark_cli.support.arrays import Array
 
-#: Powers of ten below this are numbers.
-_LARGEST = 300
-
 
 @dataclass(frozen=True)
 class Fit:
-    """A power law y = 10^intercept · h^slope, by least squares."""
+    """The exponent of a power law, by least squares."""
 
     slope: float  #: exponent; NaN with fewer than two points
     stderr: float  #: standard error of the slope; NaN with fewer than three
-    intercept: float  #: log₁₀ of the prefactor
     points: int  #: points fitted; zeros and missing values have no logarithm
     #: Half the width of the interval of the slope, of about 95 %; NaN likewise.
     margin: float = math.nan
     straight: bool = True  #: whether the points are on the line as well as they are known
-
-    def __call__(self, h: Array) -> Array:
-        """Fitted values at step sizes h."""
-        if abs(self.intercept) < _LARGEST:
-            return np.asarray(10**self.intercept * h**self.slope)
-        # Steep lines meet h = 1 s beyond all numbers.
-        with np.errstate(over="ignore"):
-            return np.asarray(10 ** (self.intercept + self.slope * log10(h)))
 
 
 #: ln 10 and ln 2, and coefficients of the Taylor series of atanh(s)/s, which suffice for s < 0.18.
@@ -90,7 +78,7 @@ def power_law(h: Array, values: Array, uncertainty: Array | None = None) -> Fit:
     x, y = log10(h[usable]), log10(values[usable])
     points = len(x)
     if points < 2 or x.max() - x.min() == 0:
-        return Fit(np.nan, np.nan, np.nan, points)
+        return Fit(np.nan, np.nan, points)
     known = np.zeros(len(h)) if uncertainty is None else uncertainty
     squares = known[usable] ** 2 + _LEAST_UNCERTAINTY**2
     weights = 1 / squares
@@ -100,7 +88,7 @@ def power_law(h: Array, values: Array, uncertainty: Array | None = None) -> Fit:
     slope = float((weights * centred * y).sum()) / spread
     intercept = height - slope * middle
     if points == 2:
-        return Fit(slope, np.nan, intercept, points)
+        return Fit(slope, np.nan, points)
     misfit = y - intercept - slope * x
     # Of natural logarithms, as relative uncertainties are.
     scatter = float((weights * misfit * misfit).sum()) * _LN_10**2 / (points - 2)
@@ -109,7 +97,7 @@ def power_law(h: Array, values: Array, uncertainty: Array | None = None) -> Fit:
     stderr = math.sqrt((max(scatter, 1.0) if uncertainty is not None else scatter) / spread)
     stderr /= _LN_10
     factor = _NORMAL if straight else _STUDENT[freedoms]
-    return Fit(slope, stderr, intercept, points, factor * stderr, straight)
+    return Fit(slope, stderr, points, factor * stderr, straight)
 
 
 def fit_parts(fit: Fit) -> tuple[str, str]:

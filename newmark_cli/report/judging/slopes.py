@@ -9,6 +9,7 @@ table of expected numbers.  Where theory predicts none, the series is shown.
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,17 +34,19 @@ from newmark_cli.report.judging.verdicts import (
     judge,
     local_orders,
 )
+from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Figure, of_study
 from newmark_cli.report.reading.figures import place as place_of
 from newmark_cli.study import axes, results, shipped
 from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.cell import NOT_CONVERGING as STALLING
+from newmark_cli.study.cell import STATUSES
 from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
 from newmark_cli.study.reading import (
     SERIES,
-    Facts,
-    Motion,
-    Table,
-    facts,
+    listed,
+    mapping,
+    read_record,
     read_rows,
     study_files,
 )
@@ -86,7 +89,7 @@ class Slope:
     figures: tuple[str, ...]  #: figures that draw it, by number or word
     key: SeriesKey  #: what tells it from others; every axis is an attribute, as in the CSV
     role: str  #: as in the CSV
-    h: Array  #: (points,) step sizes
+    h: Array  #: (points,) step sizes, the largest first
     steps: Array  #: (points,) steps of the run
     #: (points,) the statistic that is drawn; where a Krylov solver stagnated, the number of
     #: iterations that it was allowed.
@@ -123,8 +126,13 @@ class Slope:
     @property
     def local_orders(self) -> Array:
         """(points − 1,) orders between successive step sizes, the largest first."""
-        order = np.argsort(-self.h, kind="stable")
-        return local_orders(self.h[order], self.values[order])
+        return local_orders(self.h, self.values)
+
+    @property
+    def span(self) -> tuple[float, float] | tuple[None, None]:
+        """Largest and smallest step size of the fit; None where no point was fitted."""
+        h = self.h[self.fitted].tolist()
+        return (max(h), min(h)) if h else (None, None)
 
     def __getattr__(self, name: str) -> str:
         if name == "key":
@@ -147,8 +155,8 @@ class Slope:
             "expected": self.expected,
             "tolerance": self.tolerance,
             "verdict": self.verdict,
-            "h_from": self.h[self.fitted].max(initial=-np.inf) if self.fitted.any() else None,
-            "h_to": self.h[self.fitted].min() if self.fitted.any() else None,
+            "h_from": self.span[0],
+            "h_to": self.span[1],
             "local_orders": " ".join(f"{order:.3g}" for order in self.local_orders),
             "reason": self.reason,
             **self.key.named(),
@@ -164,11 +172,24 @@ def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
         for file in csvs:
             if not file.exists():
                 raise ResultsError(f"{file}: no results; run 'newmark-study run {file.stem}' first")
-    return [slope for file in csvs for slope in study_slopes(read_rows(file), file)]
+    return [slope for file in csvs for slope in of_csv(file)]
 
 
-def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
-    """Slopes of one study's rows, in their order."""
+def of_csv(path: Path) -> list[Slope]:
+    """Slopes of every series in a study's CSV."""
+    return study_slopes(read_rows(path), path, read_record(path))
+
+
+def study_slopes(
+    table: "Mapping[str, Sequence[Any]] | pd.DataFrame", path: Path, record: Mapping[str, Any]
+) -> list[Slope]:
+    """Slopes of one study's rows, in their order.
+
+    Args:
+        table: Its rows by columns.
+        path: Where they stand, for messages.
+        record: What the record beside them says.
+    """
     # A form, a variant or a quantity that lacks step sizes which others of the same
     # problem have was cut off; cases may differ in the rest on purpose.
     marched = [axis.name for axis in axes.cell_axes() if axis.series]
@@ -182,26 +203,22 @@ def study_slopes(table: "Table | pd.DataFrame", path: Path) -> list[Slope]:
     places: dict[tuple[Any, ...], list[int]] = {}
     for place, values in enumerate(zip(*(columns[name] for name in SERIES), at_start, strict=True)):
         places.setdefault(values, []).append(place)
-    lost = _lost(columns, marched)
-    recorded = facts(path)
-    of_shipped = shipped.is_shipped(path.stem, recorded.config)
-    try:
-        drawing = _drawing(of_study(path.stem, recorded.config))
-    except ValueError as error:
-        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+    lost, study, config = _lost(columns, marched), str(columns["study"][0]), record.get("config")
+    accepted, of_shipped = _accepted(config), shipped.is_shipped(study, config)
+    drawing = _drawing(records.told(path, partial(of_study, study), config))
     slopes = []
     for values, at in places.items():
         *named, start = values
-        rows = {name: [columns[name][place] for place in at] for name in _READ}
         row = dict(zip(SERIES, named, strict=True))
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
-        if not key.measure and set(rows["status"]) <= {"ok", *recorded.accepted}:
+        by_size = np.argsort([-columns["h"][place] for place in at], kind="stable").tolist()
+        rows = {name: [columns[name][at[i]] for i in by_size] for name in _READ}
+        if not key.measure and accepted.issuperset(rows["status"]):
             continue
-        motion = recorded.motions.get(key.problem, Motion())
-        motion = replace(motion, lost=lost.get(tuple(row[name] for name in marched), ""))
         series = _Series(
-            key, str(row["role"]), rows, len(sizes[cases[at[0]]]), recorded, motion,
-            drawing.get(key, ()), path, of_shipped,
+            key, str(row["role"]), rows, len(sizes[cases[at[0]]]), accepted, record,
+            lost.get(tuple(row[name] for name in marched), ""), drawing.get(key, ()), path,
+            of_shipped,
         )  # fmt: skip
         slopes.append(series.slope() if key.measure else series.failed())
     return slopes
@@ -233,14 +250,15 @@ def _drawing(figures: Iterable[Figure]) -> Mapping[SeriesKey, list[Figure]]:
 
 @dataclass(frozen=True)
 class _Series:
-    """Rows of a series, and what a verdict on it must know."""
+    """Rows of a series, the largest step size first, and what a verdict on it must know."""
 
     key: SeriesKey
     role: str
-    rows: Mapping[str, Sequence[Any]]  #: column → its values, in the order of the CSV
+    rows: Mapping[str, Sequence[Any]]  #: column → its values
     points: int  #: step sizes that series of its case have
-    facts: Facts
-    motion: Motion
+    accepted: set[str]  #: statuses and verdicts that the study is about
+    recorded: Mapping[str, Any]  #: the record of the study
+    lost: str  #: why marches are not of the motion; empty where nothing tells
     figures: Sequence[Figure]  #: that draw it
     path: Path
     shipped: bool
@@ -253,10 +271,9 @@ class _Series:
                 f"{path}: unknown measure {key.measure!r}; is it from a newer version?"
             )
         record, statuses = RECORDS[key.measure], {*self.rows["status"]}
-        accepted = {"ok", *self.facts.accepted}
         expected = _predicted(key, path)
         # A cell that was expected to end like this measured something else.
-        if not statuses <= {"ok"} and statuses <= accepted:
+        if not statuses <= {"ok"} and statuses <= self.accepted:
             expected = np.nan
         exact = bool(np.isposinf(expected))
         expected = np.nan if exact else expected  # no order at all
@@ -268,7 +285,7 @@ class _Series:
         judgement = self._judgement(record, expected, tolerance, exact, own is not None)
         verdict, reason = self._on_this_motion(record, judgement, own is not None)
         # Where theory predicts an order, nobody can accept another.
-        ends_as_accepted = judgement.verdict == NOT_CONVERGING and "not_converging" in accepted
+        ends_as_accepted = judgement.verdict == NOT_CONVERGING and STALLING in self.accepted
         unique = own is not None or not self._dropped
         return Slope(
             tuple(figure.name for figure in self.figures), key, self.role,
@@ -300,7 +317,7 @@ class _Series:
     def _judgement(
         self, record: Record, expected: float, tolerance: float, exact: bool, written: bool
     ) -> Judgement:
-        """The verdict by the points; they stay in their order."""
+        """The verdict by the points."""
         key, rows = self.key, self.rows
         h, values = np.array(rows["h"], float), record.drawn(rows)
         ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
@@ -321,15 +338,14 @@ class _Series:
             return plain(SHOWN, "taken at different times")
         if not {*rows["status"]} <= {*record.ok}:
             return plain(SHOWN)
-        order = np.argsort(-h, kind="stable")
         multipliers = key.quantity in OF_MULTIPLIERS
         regular = key.initial or record.kind == "determined"
-        judgement = judge(
+        return judge(
             Evidence(
-                h=h[order],
-                values=values[order],
-                uncertainty=_uncertainty(record, rows, values)[order],
-                steps=np.array(rows["steps"], float)[order],
+                h=h,
+                values=values,
+                uncertainty=_uncertainty(record, rows, values),
+                steps=np.array(rows["steps"], float),
                 kind=record.kind,
                 expected=expected,
                 tolerance=tolerance,
@@ -337,13 +353,10 @@ class _Series:
                 bound=record.bounded(key),
                 undamped=multipliers and record.alternates(key),
                 fading=record.fading(key) if multipliers else 0.0,
-                irregular="" if regular else _irregular(self.motion),
+                irregular="" if regular else _irregular(self._motion),
                 written=written,
             )
         )
-        fitted = np.empty(len(h), bool)
-        fitted[order] = judgement.fitted
-        return replace(judgement, fitted=fitted)
 
     def _on_this_motion(
         self, record: Record, judgement: Judgement, written: bool
@@ -359,20 +372,23 @@ class _Series:
             reason = joined(reason, f"α h is {between}: orders show below {_SLOW:g}")
         if self.key.initial or verdict in (SHOWN, INCOMPLETE) or record.kind == "determined":
             return verdict, reason
-        if self.motion.still:
+        if self._motion.get("still") is True:
             return UNDECIDED, "nothing moves: there is only rounding"
-        return verdict, reason if verdict == PASS else joined(reason, self.motion.lost)
+        return verdict, reason if verdict == PASS else joined(reason, self.lost)
+
+    @property
+    def _motion(self) -> Mapping[str, Any]:
+        """What the record says of the motion; see `newmark_cli.study.motion.Facts`."""
+        return mapping(mapping(self.recorded, "motions"), self.key.problem)
 
     @property
     def _dropped(self) -> str:
         """Why reactions are not unique; empty where they are, and of what is no reaction."""
-        dropped = self.facts.released.get(self.key.problem)
-        if (
-            dropped is None
-            or self.key.measure not in _OF_VALUES
-            or self.key.quantity not in _SHARED
-        ):
+        key, recorded = self.key, mapping(self.recorded, "not_unique")
+        unlike = key.measure in _OF_VALUES and key.quantity in _SHARED
+        if not unlike or key.problem not in recorded:
             return ""
+        dropped = map(str, listed(mapping(recorded, key.problem), "released"))
         return f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
 
 
@@ -382,9 +398,16 @@ _SLOW = 0.1
 _OF_VALUES, _SHARED = ("error", "history", "trajectory"), ("lambda", "force", "moment")
 
 
-def _irregular(motion: Motion) -> str:
+def _accepted(config: Any) -> set[str]:
+    """How cells and series may end, by a recorded config."""
+    cases = listed(config, "cases") if isinstance(config, dict) else ()
+    words = (word for case in cases if isinstance(case, dict) for word in listed(case, "accept"))
+    return {"ok", *(word for word in words if word in (*STATUSES, STALLING))}
+
+
+def _irregular(motion: Mapping[str, Any]) -> str:
     """Why theory, which assumes regular motions, says nothing of this one; empty where it does."""
-    times = list(dict.fromkeys(motion.singular))
+    times = list(dict.fromkeys(t for t in listed(motion, "singular") if isinstance(t, float)))
     if not times:
         return ""
     where = ", ".join(f"{t:g}" for t in times[:3]) + (", …" if len(times) > 3 else "")

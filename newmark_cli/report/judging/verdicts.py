@@ -11,7 +11,8 @@ they are small and do not fall faster than predicted (near-change-point).
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -74,13 +75,12 @@ class Evidence:
     written: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Judgement:
+class Judgement(NamedTuple):
     """Verdict on a series."""
 
     verdict: str  #: one of the words of this module
     fit: Fit  #: power law through the points that were fitted
-    fitted: Mask = field(repr=False)  #: (points,) which these are
+    fitted: Mask  #: (points,) which these are
     reason: str = ""  #: what else there is to say, in a sentence; may be empty
 
 

@@ -14,16 +14,11 @@ if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
 
 
-def at(slope: "Slope", axes: Iterable[str]) -> tuple[str, ...]:
-    """Values of a series along axes."""
-    return tuple(getattr(slope, axis) for axis in axes)
-
-
 def grouped(slopes: Iterable["Slope"], axes: Sequence[str]) -> dict[tuple[str, ...], list["Slope"]]:
     """Values along axes → the series that have them."""
     groups: dict[tuple[str, ...], list[Slope]] = {}
     for slope in slopes:
-        groups.setdefault(at(slope, axes), []).append(slope)
+        groups.setdefault(tuple(getattr(slope, axis) for axis in axes), []).append(slope)
     return groups
 
 

@@ -1,18 +1,20 @@
 """Reading provenance back: the records next to CSVs, for people, and their checksums."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import newmark_cli
 from newmark_cli.report.reading.words import counted
 from newmark_cli.study import axes, results
+from newmark_cli.study import shipped as shipped_configs
 from newmark_cli.study.provenance import checksum, merged
 from newmark_cli.study.reading import listed, mapping
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError, visible
+
+Kept = TypeVar("Kept")
 
 #: What a record does not say.
 UNKNOWN = "not recorded"
@@ -49,6 +51,23 @@ def known(path: Path) -> dict[str, Any]:
         return read(path)
     except ResultsError:
         return {}
+
+
+def configured(path: Path, key: str, read: Callable[[Any], Kept]) -> Kept:
+    """What a key of the config in a record says, or that of the shipped study it is of.
+
+    Raises:
+        ResultsError: When it is not as a run has written it.
+    """
+    return told(path, read, shipped_configs.config_of(path.stem, known(path), key))
+
+
+def told(path: Path, read: Callable[[Any], Kept], config: Any) -> Kept:
+    """What a reader of configs makes of one, whose mistakes are those of the record of a CSV."""
+    try:
+        return read(config)
+    except ValueError as error:
+        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
 
 
 def environment(record: Mapping[str, Any]) -> dict[str, str]:
@@ -161,11 +180,10 @@ def agreement(folder: Path, studies: Sequence[str], shipped: Path) -> str:
     return f"{text}; not {', '.join(unlike)}" if unlike else text
 
 
-@dataclass(frozen=True)
-class Changed:
+class Changed(NamedTuple):
     """A file of a results folder that is not what was written."""
 
-    path: Path  #: the file
+    path: Path
     finding: str  #: what was found, in words
 
 

@@ -60,9 +60,8 @@ def compare(
     lacked = [list(_lacked(*pair)) for pair in ((a, b), (b, a))]
     for lacking in (lacked, only):
         for name, entries in zip(names, lacking, strict=True):
-            lines += [visible(f"only in {name}: {entry}") for entry in entries[:most]]
-            if more := len(entries[len(entries) if most is None else most :]):
-                lines.append(visible(f"only in {name}: {more} more (--all)"))
+            shown = [*entries[:most], *_more(entries, most)]
+            lines += [visible(f"only in {name}: {entry}") for entry in shown]
     ended = _differences(cells[cells["status_x"] != cells["status_y"]], "status", _cell)
     beyond = both[~agree(both["measure"], both["value_x"], both["value_y"], rtol)]
     values = _differences(beyond, "value", _row)
@@ -76,7 +75,7 @@ def compare(
     slope: list[Difference] = []
     if apart.get(farthest, 0) > 0:
         slope = [(farthest, ours[farthest][0], theirs[farthest][0])]
-    environment = list(_environments(*map(_computed_with, (first, second))))
+    environment = list(_environments(first, second))
     fitted = sum(of[3] for of, _ in judged.values())
     blocks: list[tuple[str, list[Difference]]] = [
         (f"cells that ended differently: {len(ended)}", ended),
@@ -121,8 +120,13 @@ def _block(
     if not entries:
         return title
     block = f"{title}\n{text_table([('', *names), *entries[:most]], indent=2)}"
-    more = len(entries[len(entries) if most is None else most :])
-    return f"{block}\n  {more} more (--all)" if more else block
+    return "\n  ".join([block, *_more(entries, most)])
+
+
+def _more(entries: Sequence[Any], most: int | None) -> list[str]:
+    """How many entries are not shown, if any."""
+    left = len(entries) - len(entries[:most])
+    return [f"{left} more (--all)"] if left else []
 
 
 def _rows(folder: Path) -> "pd.DataFrame":
@@ -199,34 +203,31 @@ def _judged(folder: Path) -> dict[str, _Judged]:
     return judged
 
 
-def _computed_with(folder: Path) -> dict[str, dict[str, str]]:
-    """Study → facts of its record about code and machine."""
-    read = {file.stem: records.known(file) for file in study_files(folder)}
-    return {
-        study: records.environment(record)
-        | {f"config of {study}": str(record.get("config_sha256", records.UNKNOWN))}
-        for study, record in read.items()
-        if record
-    }
+def _environments(*folders: Path) -> Iterator[Difference]:
+    """Facts about code and machine of the studies in both folders that differ.
 
-
-def _environments(
-    first: Mapping[str, Mapping[str, str]], second: Mapping[str, Mapping[str, str]]
-) -> Iterator[Difference]:
-    """Facts of the studies in both folders that differ; one folder may mix several machines.
-
-    Where a run has no record, as with results that are shipped, nothing of it is compared.
+    One folder may mix several machines.  Where a run has no record, as with results that are
+    shipped, nothing of it is compared.
     """
-    shared: list[dict[str, tuple[str, str]]] = []
-    for study, mine in first.items():
-        if theirs := second.get(study):
-            ran = "python" in mine and "python" in theirs
-            names = [*mine, *theirs] if ran else [name for name in mine if name in theirs]
-            unknown = records.UNKNOWN
-            shared.append({n: (mine.get(n, unknown), theirs.get(n, unknown)) for n in names})
-    for name in dict.fromkeys(name for facts in shared for name in facts):
-        sides = zip(*(facts[name] for facts in shared if name in facts), strict=True)
-        a, b = (", ".join(dict.fromkeys(side)) for side in sides)
+    first, second = (
+        {file.stem: records.known(file) for file in study_files(folder)} for folder in folders
+    )
+    shared: dict[str, list[tuple[str, str]]] = {}
+    for study, record in first.items():
+        if not (record and second.get(study)):
+            continue
+        mine, theirs = (
+            records.environment(of)
+            | {f"config of {study}": str(of.get("config_sha256", records.UNKNOWN))}
+            for of in (record, second[study])
+        )
+        ran = "python" in mine and "python" in theirs
+        for name in dict.fromkeys((*mine, *theirs)):
+            if ran or (name in mine and name in theirs):
+                sides = mine.get(name, records.UNKNOWN), theirs.get(name, records.UNKNOWN)
+                shared.setdefault(name, []).append(sides)
+    for name, pairs in shared.items():
+        a, b = (", ".join(dict.fromkeys(side)) for side in zip(*pairs, strict=True))
         if a != b:
             yield name, a, b
 

@@ -19,7 +19,7 @@ from newmark_cli.report.reading.words import counted, quantity
 from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
 from newmark_cli.report.tables.table import MISSING
 from newmark_cli.study import axes
-from newmark_cli.study.reading import named_studies, read_rows
+from newmark_cli.study.reading import named_studies, read_record, read_rows
 
 #: Columns of a study's CSV that tell its cells apart.
 _CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]
@@ -30,7 +30,7 @@ _AS_LABELS = ("integrator", "preconditioning", "row_block", "initial")
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownStudy:
     """A study, and those of its series that are to be shown."""
 
     name: str
@@ -62,25 +62,27 @@ class Shown:
         return self.row() | {"series": [_data(slope) for slope in self.chosen]}
 
 
-def read(folder: Path, names: Sequence[str]) -> list[Shown]:
+def read(folder: Path, names: Sequence[str]) -> list[ShownStudy]:
     """Studies of a results folder; all without names."""
     studies = []
     for name in named_studies(folder, names):
-        table = read_rows(folder / f"{name}.csv")
-        # The first row of a cell has its status.
-        statuses = dict(zip([*table.rows(_CELL)][::-1], table["status"][::-1], strict=True))
-        slopes = tuple(study_slopes(table, folder / f"{name}.csv"))
-        studies.append(Shown(name, tuple(statuses.values())[::-1], slopes))
+        path = folder / f"{name}.csv"
+        table = read_rows(path)
+        statuses: dict[tuple[Any, ...], str] = {}  # the first row of a cell has its status
+        for *cell, status in zip(*(table[column] for column in (*_CELL, "status")), strict=True):
+            statuses.setdefault(tuple(cell), status)
+        slopes = tuple(study_slopes(table, path, read_record(path)))
+        studies.append(ShownStudy(name, tuple(statuses.values()), slopes))
     return studies
 
 
-def choose(studies: Sequence[Shown], choice: Choice) -> list[Shown]:
+def choose(studies: Sequence[ShownStudy], choice: Choice) -> list[ShownStudy]:
     """The studies with the series that are chosen; recovered fields only when asked for."""
-    matching = {*map(id, choice.series([slope for study in studies for slope in study.slopes]))}
+    choice.series([slope for study in studies for slope in study.slopes])  # or it refuses
     named = bool(choice.measures or choice.values.get("quantity"))
     shown = []
     for study in studies:
-        ours = [slope for slope in study.slopes if id(slope) in matching]
+        ours = list(filter(choice.takes, study.slopes))
         chosen = tuple(slope for slope in ours if named or slope.role != "recovered")
         shown.append(replace(study, chosen=chosen, recovered=len(ours) - len(chosen)))
     return shown
@@ -89,7 +91,7 @@ def choose(studies: Sequence[Shown], choice: Choice) -> list[Shown]:
 # -- for people ---------------------------------------------------------------------------------
 
 
-def listed(studies: Sequence[Shown]) -> str:
+def listed(studies: Sequence[ShownStudy]) -> str:
     """The studies of a folder: cells, measures and verdicts of each."""
     rows = [("study", "cells", "measures", "series")]
     for study in studies:
@@ -98,7 +100,7 @@ def listed(studies: Sequence[Shown]) -> str:
     return text_table(rows)
 
 
-def as_text(study: Shown) -> str:
+def as_text(study: ShownStudy) -> str:
     """A study's overview, and a table for each problem, form, measure and quantity."""
     overview = (
         f"{study.name}: {len(study.statuses)} cells: {counted(study.statuses)}; "
@@ -181,8 +183,7 @@ def _entries(slope: Slope) -> dict[tuple[float, int], Entry]:
 
 def _range(slope: Slope) -> str:
     """Step sizes of the fit."""
-    h = slope.h[slope.fitted]
-    return MISSING if np.isnan(slope.fit.slope) else f"{h.max():g} … {h.min():g}"
+    return MISSING if np.isnan(slope.fit.slope) else "{:g} … {:g}".format(*slope.span)
 
 
 # -- for programs -------------------------------------------------------------------------------
@@ -198,9 +199,7 @@ def _points(slope: Slope) -> list[dict[str, Any]]:
             "local_order": float(order),
             "fitted": bool(slope.fitted[i]),
         }
-        for i, order in zip(
-            np.argsort(-slope.h, kind="stable"), [math.nan, *slope.local_orders], strict=False
-        )
+        for i, order in enumerate([math.nan, *slope.local_orders][: len(slope.h)])
     ]
 
 

@@ -17,10 +17,9 @@ from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import grouped, select
 from newmark_cli.report.reading.words import joined_values, value_text
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
-from newmark_cli.study import shipped
 from newmark_cli.study.entries import TableConfig, table, tables
 from newmark_cli.study.showable import TABULATED, VALUES
-from newmark_cli.support.errors import InputError, ResultsError
+from newmark_cli.support.errors import InputError
 
 #: What a command prints of a study that does not say.
 USUAL = table(rows=["preconditioning"], columns=["quantity"])
@@ -35,8 +34,8 @@ _TEXTS: Mapping[str, Callable[[Slope], str]] = {
     "slope": lambda slope: fit_parts(slope.fit)[0].replace("-", "−"),
     "stderr": lambda slope: fit_parts(slope.fit)[1],
     "points": lambda slope: str(slope.fit.points),
-    "h_from": lambda slope: _step(slope.h[slope.fitted].max(initial=-np.inf)),
-    "h_to": lambda slope: _step(slope.h[slope.fitted].min(initial=np.inf)),
+    "h_from": lambda slope: _step(slope.span[0]),
+    "h_to": lambda slope: _step(slope.span[1]),
     "local_orders": format_orders,
     "verdict": lambda slope: slope.verdict,
     "reason": lambda slope: slope.reason,
@@ -47,8 +46,8 @@ def _marks(slope: Slope) -> str:
     return ("*" if slope.role == "recovered" else "") + (MARK if slope.missed else "")
 
 
-def _step(h: float) -> str:
-    return f"{h:g}" if np.isfinite(h) else ""
+def _step(h: float | None) -> str:
+    return "" if h is None else f"{h:g}"
 
 
 def from_options(
@@ -71,11 +70,7 @@ def from_options(
 
 def defined(folder: Path, study: str) -> Sequence[TableConfig]:
     """Tables that the config of a study defines, by its record, or else the shipped one."""
-    path = folder / f"{study}.csv"
-    try:
-        return tables(shipped.config_of(study, records.known(path), "tables"))
-    except ValueError as error:
-        raise ResultsError(f"{path.with_suffix('.json')}: {error}") from None
+    return records.configured(folder / f"{study}.csv", "tables", tables)
 
 
 def report(slopes: Iterable[Slope], layout: TableConfig) -> Report:
