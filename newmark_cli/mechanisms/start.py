@@ -152,7 +152,7 @@ def _independent(
     document.refuse(
         (row.path, f"row {row.name} {message}" if row.name else message) for row in useless
     )
-    scaled = np.asarray((gradient / sizes[None, :]).toarray(), float)
+    scaled = (gradient / sizes[None, :]).toarray()
     null = _null_space(scaled, RANK_TOLERANCE if named else tolerance)
     rank = problem.m - null.shape[1]
     found, kept = null, _without(problem.m, named)
@@ -243,8 +243,8 @@ def _require_distinct(
     vectors, _, turned = np.linalg.svd(dense)
     direction = vectors[:, -free:] @ np.random.default_rng(0).normal(size=free)
     direction *= _AWAY * size_of(problem.u0) / np.abs(direction).max()
-    there = _directions(problem, problem.u0 + direction)[:, passive]
-    aside = np.linalg.svd(there, compute_uv=False)
+    aside = _directions(problem, problem.u0 + direction)[:, passive]
+    aside = np.linalg.svd(aside, compute_uv=False)
     if not aside[min(len(large), len(aside) - 1)] < _ALMOST_ASIDE * aside[0]:
         return
     null = np.zeros((len(rows), len(passive) - len(large)))
