@@ -27,8 +27,8 @@ from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
 from newmark_cli.support.spelling import nearest
 
-#: Coordinates up to which it is found which constraints depend on each other.
-RANKED_UP_TO = 1500
+#: Coordinates up to which it is looked which constraints depend on each other.
+RANKED_UP_TO = 1000
 #: `RANK_TOLERANCE` after a search, which finds a singular position only to half the digits.
 RANK_TOLERANCE_FOUND = 1e-7
 VELOCITY_TOLERANCE = 1e-9
@@ -68,24 +68,17 @@ def consistent(builder: Builder) -> Problem:
         problem = replace(problem, u0=_assembled(builder, builder.problem(named), named))
     mistakes = documents.Mistakes()
     every = gradient_of(problem, problem.u0)
-    sound = problem.n > DENSE_UP_TO and not named and _is_regular(problem, every)
-    if not sound and problem.n > RANKED_UP_TO:
-        raise document.error(
-            (),
-            "constraints depend on each other, or something can move that has no inertia: which, "
-            f"is found up to {RANKED_UP_TO} coordinates, this mechanism has {problem.n}",
-        )
+    if problem.n > RANKED_UP_TO:
+        _require_regular(builder, problem, every)
     with mistakes.gathered():
         tolerance = RANK_TOLERANCE_FOUND if mechanism.assemble else RANK_TOLERANCE
-        released, shared = list[int](), frozenset[str]()
-        if not sound:
-            released, shared = _independent(builder, problem, every, tolerance, named)
+        released, shared = _independent(builder, problem, every, tolerance, named)
         if released:
             scaled = scipy.sparse.csc_array(every.multiply(_scale(problem.u0)[:, None]))
             gaps = partial(redundancy.gaps, problem, released, column_norms(scaled))
             problem = replace(builder.problem(released, shared), u0=problem.u0, gaps=gaps)
         problem = replace(problem, v0=_velocities(builder, problem, released, every))
-    if not sound:
+    if problem.n <= RANKED_UP_TO:
         motions = index_1.weightless(problem.M, gradient_of(problem, problem.u0).toarray())
         with mistakes.gathered():
             document.refuse(builder.without_inertia(problem.u0, motions) if motions.size else ())
@@ -152,6 +145,8 @@ def _independent(
     document.refuse(
         (row.path, f"row {row.name} {message}" if row.name else message) for row in useless
     )
+    if problem.n > RANKED_UP_TO:  # and regular
+        return [], frozenset()
     scaled = (gradient / sizes[None, :]).toarray()
     null = _null_space(scaled, RANK_TOLERANCE if named else tolerance)
     rank = problem.m - null.shape[1]
@@ -393,13 +388,22 @@ def _require_freedom(
 # -- inertia ----------------------------------------------------------------------------------
 
 
-def _is_regular(problem: Problem, gradient: scipy.sparse.csc_array) -> bool:
-    """Whether constraints are independent, and whatever can move has inertia."""
+def _require_regular(builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array) -> None:
+    """Require independent constraints, and inertia of whatever can move, in a large mechanism."""
+    if getattr(builder.mechanism, "redundant", "refuse") != "refuse":
+        message = f"works up to {RANKED_UP_TO} coordinates, this mechanism has {problem.n}"
+        raise builder.document.error(("redundant",), message)
     try:
         pivots = np.abs(scipy.sparse.linalg.splu(_saddle(problem, gradient)).U.diagonal())
+        regular = bool(pivots.min() > _NO_INERTIA * pivots.max())
     except RuntimeError:
-        return False
-    return bool(pivots.min() > _NO_INERTIA * pivots.max())
+        regular = False
+    if not regular:
+        raise builder.document.error(
+            ("bodies",),
+            "constraints depend on each other, or something can move that has no inertia: "
+            "accelerations and multipliers are undetermined",
+        )
 
 
 def _saddle(problem: Problem, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_array:
@@ -475,7 +479,7 @@ def _nearest(
                 f"{value:g} that fits",
             )
     if not np.all(left <= VELOCITY_TOLERANCE * speed):
-        if not problem.released and problem.n <= RANKED_UP_TO:
+        if not problem.released:
             _independent(builder, problem, gradient, RANK_TOLERANCE_FOUND)
         worst = int(np.argmax(np.where(np.isfinite(left), left, np.inf)))
         raise builder.document.error(
