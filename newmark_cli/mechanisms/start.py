@@ -147,7 +147,7 @@ def _independent(
     )
     if problem.n > RANKED_UP_TO:  # and regular
         return [], frozenset()
-    scaled = (gradient / sizes[None, :]).toarray()
+    scaled = scipy.sparse.csc_array(gradient / sizes[None, :])
     null = _null_space(scaled, RANK_TOLERANCE if named else tolerance)
     rank = problem.m - null.shape[1]
     found, kept = null, _without(problem.m, named)
@@ -188,20 +188,22 @@ def _without(count: int, numbers: Sequence[int]) -> list[int]:
 
 
 def _released_null(
-    builder: Builder, scaled: Array, kept: Sequence[int], named: Sequence[int], tolerance: float
-) -> Array:
+    builder: Builder, scaled: scipy.sparse.csc_array, kept: Sequence[int], named: Sequence[int],
+    tolerance: float,
+) -> Array:  # fmt: skip
     """(m, k) orthonormal: how rows that the file names depend on the rest, nearly at least.
 
     Raises:
         DocumentError: When the rest depends on itself, or they do not depend on it.
     """
-    rows, rest, others = builder.rows, scaled[:, kept], scaled[:, named]
+    rows, rest = builder.rows, scipy.sparse.csc_array(scaled[:, kept])
     left = _null_space(rest, tolerance)
     if left.shape[1]:
         still = _by_part(rows, [kept[k] for k in _involved(left)])
         message = f"these constraints still depend on each other: {still}"
         raise builder.document.error(("redundant",), message)
-    null = np.linalg.lstsq(rest, others, rcond=None)[0]
+    others = scaled[:, named].toarray()
+    null = np.linalg.lstsq(rest.toarray(), others, rcond=None)[0]
     away = others - rest @ null
     needed = int(np.count_nonzero(np.linalg.svd(away, compute_uv=False) > _NEARLY))
     if needed:
@@ -217,8 +219,8 @@ def _released_null(
 
 
 def _require_distinct(
-    builder: Builder, problem: Problem, scaled: Array, kept: Sequence[int], tolerance: float,
-    most: float = _ALMOST,
+    builder: Builder, problem: Problem, scaled: scipy.sparse.csc_array, kept: Sequence[int],
+    tolerance: float, most: float = _ALMOST,
 ) -> None:  # fmt: skip
     """Refuse rows that are redundant but for the last digits of their data.
 
@@ -228,7 +230,7 @@ def _require_distinct(
     passive = _passive(builder, kept)
     if not passive:
         return
-    dense = scaled[:, passive]
+    dense = np.asarray(scaled[:, passive].toarray(), float)
     values = np.linalg.svd(dense, compute_uv=False)
     values = values[values > tolerance * values[0]]
     large = values[values > most * values[0]]
@@ -238,8 +240,8 @@ def _require_distinct(
     vectors, _, turned = np.linalg.svd(dense)
     direction = vectors[:, -free:] @ np.random.default_rng(0).normal(size=free)
     direction *= _AWAY * size_of(problem.u0) / np.abs(direction).max()
-    aside = _directions(problem, problem.u0 + direction)[:, passive]
-    aside = np.linalg.svd(aside, compute_uv=False)
+    aside = gradient_of(problem, problem.u0 + direction).toarray()[:, passive]
+    aside = np.linalg.svd(aside / np.linalg.norm(aside, axis=0), compute_uv=False)
     if not aside[min(len(large), len(aside) - 1)] < _ALMOST_ASIDE * aside[0]:
         return
     null = np.zeros((len(rows), len(passive) - len(large)))
@@ -281,20 +283,15 @@ def _released_by_name(builder: Builder) -> list[int]:
     return sorted(set(released))
 
 
-def _directions(problem: Problem, u: Array) -> Array:
-    """(n, m) G at a position, its columns of length 1."""
-    gradient = gradient_of(problem, u)
-    return np.asarray((gradient / column_norms(gradient)[None, :]).toarray())
-
-
-def _null_space(matrix: Array, tolerance: float) -> Array:
+def _null_space(matrix: scipy.sparse.csc_array, tolerance: float) -> Array:
     """(m, k) orthonormal basis of the null space; the matrix has columns of length 1."""
+    dense = np.asarray(matrix.toarray(), float)
     # Vectors take ten times as long as values, and are seldom needed.
-    values = np.linalg.svd(matrix, compute_uv=False)
+    values = np.linalg.svd(dense, compute_uv=False)
     rank = int(np.count_nonzero(values > tolerance * values[0])) if len(values) else 0
-    if rank == matrix.shape[1]:
+    if rank == dense.shape[1]:
         return np.zeros((rank, 0))
-    return np.asarray(np.linalg.svd(matrix)[2][rank:].T)
+    return np.asarray(np.linalg.svd(dense, full_matrices=True)[2][rank:].T)
 
 
 def _involved(null: Array) -> list[int]:
@@ -333,14 +330,16 @@ def _scale(u: Array) -> Array:
     return scale.ravel()
 
 
-def _singular_here(problem: Problem, scaled: Array, tolerance: float, rank: int) -> bool:
+def _singular_here(
+    problem: Problem, scaled: scipy.sparse.csc_array, tolerance: float, rank: int
+) -> bool:
     """Whether constraints that depend on each other at the start are independent elsewhere.
 
     Where the rank of G is the same all around, constraints can be followed in every
     direction that G allows.  At a singular position they cannot.
     """
     random, size = np.random.default_rng(0), size_of(problem.u0)
-    free = _null_space(scaled.T, tolerance)
+    free = _null_space(scaled.T.tocsc(), tolerance)
     if not free.shape[1]:
         return False  # nothing can move: there are too many constraints everywhere
     for _ in range(3):
@@ -349,8 +348,9 @@ def _singular_here(problem: Problem, scaled: Array, tolerance: float, rank: int)
         moved = on_constraints(problem, problem.u0 + direction)
         if np.abs(moved - problem.u0 - direction).max() > 0.1 * np.abs(direction).max():
             return True
-        there = _null_space(_directions(problem, moved), _RANK_TOLERANCE_ASIDE)
-        if problem.m - there.shape[1] > rank:
+        gradient = gradient_of(problem, moved)
+        unit = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
+        if problem.m - _null_space(unit, _RANK_TOLERANCE_ASIDE).shape[1] > rank:
             return True
     return False
 
@@ -375,11 +375,12 @@ def _passive(builder: Builder, kept: Iterable[int]) -> list[int]:
 
 
 def _require_freedom(
-    builder: Builder, problem: Problem, scaled: Array, kept: Sequence[int], tolerance: float
-) -> None:
+    builder: Builder, problem: Problem, scaled: scipy.sparse.csc_array, kept: Sequence[int],
+    tolerance: float,
+) -> None:  # fmt: skip
     """Where nothing is left free, motions have taken some of it."""
     passive = _passive(builder, kept)
-    null = _null_space(scaled[:, passive], tolerance)
+    null = _null_space(scipy.sparse.csc_array(scaled[:, passive]), tolerance)
     if hasattr(builder.mechanism, "joints") and len(passive) - null.shape[1] == scaled.shape[0]:
         _require_distinct(builder, problem, scaled, kept, tolerance, _NEARLY)
         raise builder.document.error(("joints",), "nothing can move: no freedom is left")
