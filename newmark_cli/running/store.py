@@ -77,7 +77,7 @@ class Store:
         others = [
             other
             for file in sorted(self._folder.glob(f"{key['cell'][:_DIGITS]}-*.json"))
-            if isinstance((other := files.read_sealed(file)).get("key"), dict)
+            if isinstance((other := files.read_mapping(file)).get("key"), dict)
         ]
         same_problem = [other for other in others if other["key"].get("problem") == key["problem"]]
         if same_problem:

@@ -99,6 +99,15 @@ def _whole(text: str) -> int:
     return int(text)
 
 
+def read_mapping(path: Path) -> dict[str, Any]:
+    """A JSON object; empty if the file is missing or holds something else."""
+    try:
+        value = parse_json(read(path))
+    except (OSError, ValueError):
+        return {}
+    return value if isinstance(value, dict) else {}
+
+
 def json_text(value: Any) -> str:
     """JSON for people to read."""
     return json.dumps(value, indent=2, ensure_ascii=False) + "\n"
