@@ -12,7 +12,11 @@ from newmark_cli.support.arrays import Array
 
 #: Most unknowns n + m for which a singular value decomposition is worth its time.
 LARGEST = 120
-#: A sample that is as small is a zero.
+#: A smallest sample below the first number is taken for a zero without a change of sign
+#: when the parabola through it and its neighbours has a vertex below the second, times the
+#: sample.
+_SMALL, _VERTEX = 1e-2, 0.1
+#: A sample that is as small is a zero itself.
 _ZERO = 1e-10
 #: Singular values that vanish together: relative to the least, and to the largest; and the
 #: least part of their vectors that names a constraint.
@@ -48,11 +52,26 @@ def crossings(times: Array, g: Array) -> list[float]:
     """
     least, steps = np.linalg.svd(g, compute_uv=False)[:, -1], np.diff(times)
     changes = np.linalg.norm(np.diff(g, axis=0), axis=(1, 2))
-    positions: list[float] = times[1:-1][least[1:-1] <= _ZERO].tolist()
+    positions: list[float] = []
+    passed = np.zeros(len(steps), bool)
     # A value cannot vanish in between unless G changes by both its values.
     near = least[:-1] + least[1:] <= changes
-    # The sign of a value that is zero at a sample is that of rounding.
+    # The sign of a value that is zero at a sample is that of rounding; see below.
     for i in np.flatnonzero(near & (np.minimum(least[:-1], least[1:]) > _ZERO)).tolist():
         ratios = np.linalg.eigvals(np.linalg.pinv(g[i], rcond=0) @ g[i + 1]).real
-        positions += [float(times[i] + steps[i] / (1 - ratio)) for ratio in ratios[ratios < 0]]
+        for ratio in ratios[ratios < 0]:
+            passed[i] = True
+            positions.append(float(times[i] + steps[i] / (1 - ratio)))
+    for j in range(1, len(least) - 1):
+        before, here, after = least[j - 1 : j + 2]
+        if passed[j - 1] or passed[j] or here > min(before, after, _SMALL):
+            continue
+        if here <= _ZERO:
+            positions.append(float(times[j]))
+            continue
+        rise, fall = (after - here) / steps[j], (before - here) / steps[j - 1]
+        bend = (rise + fall) / (steps[j - 1] + steps[j])
+        slope = rise - bend * steps[j]
+        if bend > 0 and here - slope**2 / (4 * bend) < _VERTEX * here:
+            positions.append(float(times[j] - slope / (2 * bend)))
     return sorted(positions)

@@ -205,6 +205,7 @@ TIMES = np.array([-0.5, -0.3, -0.12, 0.07, 0.25, 0.41])
     (lambda t: t - 0.07, [0.07]),
     (lambda t: np.sin(t) - 0.2, [math.asin(0.2)]),
     (lambda t: 0.1 * t**3, [0.0]),
+    (lambda t: 0.1 * (t - 0.05) ** 2, [0.05]),
     (lambda t: 0.1 * (t - 0.07) ** 2, [0.07]),
     (lambda t: np.hypot(t, 0.05), []),
     (lambda t: 0.001 + t**2, []),
