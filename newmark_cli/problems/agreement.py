@@ -27,8 +27,8 @@ _RATIO, _STEPS, _LONGEST, _LONG = 4.0, 22, 0.095, 5
 #: largest difference, relative to the largest derivative of the function, that is none.
 _TOLERANCE, _NOTHING = 1e-5, 1e-10
 #: Steps in a row, and how little quotients change in them, relative to what the given
-#: derivative is away.
-_IN_A_ROW, _SETTLED = 4, 0.1
+#: derivative is away; how much nearer to it, relatively, those of longer steps may not be.
+_IN_A_ROW, _SETTLED, _NEARER = 4, 0.1, 0.25
 #: Differences of a function, relative to it, that may be nothing but rounding.
 _ROUNDING = 1e-13
 #: How far states next to the start are from it, relative to the coordinates: the first distance
@@ -46,6 +46,7 @@ class _Claim(NamedTuple):
     function: Callable[[float], Any]
     size: float  #: steps are relative to it
     places: Sequence[tuple[int, ...]]  #: of the numbers in what the user's function returns
+    nothing: float = 0.0  #: a difference that does not count
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class Agreement:
 
     problem: Problem
     functions: Mapping[str, Any]  #: ``force``, ``constraints`` and ``gradient``
-    #: what these imply already: tangents, and terms of Φ' and Φ''
+    #: what these imply already: tangents, terms of Φ' and Φ'', and ``energy``
     restated: Mapping[str, Any]
     named: Callable[[str], str]  #: how errors name a function
 
@@ -70,19 +71,27 @@ class Agreement:
             # G first: what else is right would seem wrong with it.
             for claim, state in sorted(claims, key=lambda pair: pair[0].key != "gradient"):
                 if wrong := _contradicted(claim):
-                    self._refuse(claim, state, *wrong)
+                    k, expected = wrong
+                    place = [number + 1 for number in claim.places[k]]
+                    entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
+                    raise ProblemError(
+                        f"{self.named(claim.key)} disagrees with differences in {entry} "
+                        f"{self._where(state)}: given {claim.given[k]:.9g}, differences say "
+                        f"{expected:.9g}"
+                    )
+            for state in states if "energy" in self.restated else ():
+                if (power := self._power(*state)) and (wrong := _contradicted(power)):
+                    raise ProblemError(
+                        f"{self.named('energy')} is not conserved {self._where(state)}: on a "
+                        f"motion without dissipation it changes by {wrong[1]:.3g} in a second"
+                    )
 
-    def _refuse(self, claim: _Claim, state: _State, k: int, expected: float) -> None:
+    def _where(self, state: _State) -> str:
+        """How errors name a state."""
         t, u, _ = state
-        where = "at the start" if u is self.problem.u0 else "next to the start"
-        where += f", at t = {t:.9g}" if t != self.problem.t0 else ""
-        name = self.named(claim.key)
-        place = [number + 1 for number in claim.places[k]]
-        entry = ("component {}", "row {}, column {}")[len(place) - 1].format(*place)
-        raise ProblemError(
-            f"{name} disagrees with differences in {entry} {where}: given {claim.given[k]:.9g}, "
-            f"differences say {expected:.9g}"
-        )
+        if u is self.problem.u0:
+            return "at the start"
+        return "next to the start" + (f", at t = {t:.9g}" if t != self.problem.t0 else "")
 
     def _claims(self, t: float, u: Array, v: Array) -> Iterator[_Claim]:
         """What is said twice of a state; what is not given of Φ'' follows from differences."""
@@ -133,6 +142,41 @@ class Agreement:
             if key in given:
                 values = _value(int(np.prod(shape)), given[key], *arguments)
                 yield _Claim(key, values, function, longest, [*np.ndindex(shape)])
+
+    def _power(self, t: float, u: Array, v: Array) -> _Claim | None:
+        """The energy changes by nothing but dissipation, where neither depends on time.
+
+        Half its rate on a motion less half of that on the motion with −v: dissipation takes
+        from both.
+        """
+        energy, force, problem = self.restated["energy"], self.functions["force"], self.problem
+        loads = [_value(problem.n, force, u, v, t + s) for s in (0.0, 1e-3)]
+        state = None
+        if self._is_rigid and np.array_equal(loads[0], loads[1]):
+            direction = np.random.default_rng(2).normal(size=problem.n)
+            state = self._onto(t, u, _size(u) * direction)
+        if state is None:
+            return None
+        _, u, v = state
+        load = float(np.abs(loads[0]).max())
+        try:
+            # Fast enough to need forces as large as these: coordinates say little of lengths.
+            slow, fast = (self._system.accelerations(t, u, way)[0] for way in (0 * v, v))
+            bend = float(np.abs(problem.M @ (fast - slow)).max())
+            if bend and load:
+                v = v * np.sqrt(load / bend)
+            ahead, behind = (self._system.accelerations(t, u, way)[0] for way in (v, -v))
+        except Exception:  # a singular position, or a function without a value
+            return None
+        speed = float(np.abs(v).max())
+
+        def change(s: float) -> Any:
+            forth = energy(u + s * v, v + s * ahead, t)
+            back = energy(u - s * v, -v + s * behind, t)
+            return energy(u, v, t) + (forth - back) / 2  # its size tells what is rounding
+
+        fastest = max(speed / _size(u), np.abs(ahead).max() / (speed or 1.0)) or 1.0
+        return _Claim("energy", np.zeros(1), change, 1 / fastest, [], _TOLERANCE * load * speed)
 
     # -- states ------------------------------------------------------------------------------
 
@@ -185,38 +229,42 @@ def _contradicted(claim: _Claim) -> tuple[int, float] | None:
     """The derivative that is most certainly wrong, and what it is; None where none is."""
     given, longest = claim.given, _LONGEST * claim.size
     here = _value(len(given), claim.function, 0.0)
-    central, slope = np.full((_STEPS, len(given)), np.nan), np.full(len(given), np.nan)
+    quotients = np.full((_STEPS, 3, len(given)), np.nan)  # forward, backward and central
     doubted, load = np.isfinite(given), np.abs(here) / longest
+    lengths = _RATIO ** -np.arange(float(_STEPS))[:, None, None]
     for number in range(_STEPS):
         step = longest * _RATIO**-number
         ahead, behind = (_value(len(given), claim.function, shift) for shift in (step, -step))
         forward, backward = (ahead - here) / step, (here - behind) / step
-        latest = np.array([forward, backward, (forward + backward) / 2])
-        central[number] = latest[2]
+        quotients[number] = latest = np.array([forward, backward, (forward + backward) / 2])
         sizes = np.maximum(np.abs(given), np.abs(latest))
-        nothing = _NOTHING * np.nanmax(sizes, initial=np.nanmax(load, initial=0))
+        nothing = claim.nothing + _NOTHING * np.nanmax(sizes, initial=np.nanmax(load, initial=0))
         confirmed = np.abs(latest - given) <= _TOLERANCE * sizes + nothing
-        if number == _LONG:
-            slope = np.nanmax(np.abs(latest), axis=0, initial=0.0)
-        elif number > _LONG:  # the function may have changed by less than its rounding
-            rounding = _ROUNDING * (load + slope) * longest
-            confirmed &= (latest != 0) | (slope * step > rounding)
+        if number > _LONG:  # the function may have changed by less than its rounding
+            slope = np.nanmax(np.abs(quotients[_LONG]), axis=0, initial=0.0)
+            changes = np.nanmax(np.abs(quotients) * lengths, axis=(0, 1), initial=0.0)
+            confirmed &= (latest != 0) | (slope * lengths[number] > _ROUNDING * (load + changes))
         doubted &= ~confirmed.any(axis=0)
         if not doubted.any():
             return None
+    central = quotients[:, 2]
     # Quotients of rounded numbers are 0 over short steps; others only if all are.
-    still = ~np.any(np.nan_to_num(central), axis=0)
+    still = ~np.any(np.nan_to_num(quotients), axis=(0, 1)) & (np.abs(given) > 1e-6 * load)
     away = np.abs(central - given)
     worst, answer = 0.0, None
     for begin in range(1, _STEPS - _IN_A_ROW + 1):
         row = slice(begin, begin + _IN_A_ROW)
+        settled = central[begin + 1]
         least, smallest = (np.abs(x[row]).min(axis=0) for x in (away, central))
         varied = np.ptp(central[row], axis=0)
-        wrong = ((smallest > 0) | still) & (varied < _SETTLED * least) & doubted
+        wrong = ((smallest > 0) | still) & (varied <= _SETTLED * least) & doubted
+        # Longer steps see past backlash, and past the stairs that rounding makes.
+        farther = np.minimum(np.abs(central[:begin] - settled), np.abs(given))
+        wrong &= ~np.any(away[:begin] <= _NEARER * farther, axis=0)
         certainty = np.where(wrong, least / (varied + 1e-3 * least), 0.0)
         if (most := float(certainty.max())) > worst:
             k = int(np.argmax(certainty))
-            worst, answer = most, (k, float(central[begin + 1, k]))
+            worst, answer = most, (k, float(settled[k]))
     return answer
 
 

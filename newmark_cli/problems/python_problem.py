@@ -40,8 +40,8 @@ class Definition:
 
     The march calls functions that numba compiled (``@numba.njit``) without Python, which is
     much faster than plain ones.  Arrays are float64; lists and tuples of numbers serve
-    as well, and are converted wherever they are returned.  Given derivatives are compared with
-    differences at the start and next to it, see `agreement`.
+    as well, and are converted wherever they are returned.  Given derivatives and the energy are
+    compared with differences at the start and next to it, see `agreement`.
 
     Attributes:
         mass_matrix: (n, n) M, constant, symmetric, positive on all motions that the

@@ -326,6 +326,33 @@ def test_the_message_names_entry_and_both_values(factor, compiled):
     assert float(found[1]) / float(found[2]) == pytest.approx(factor, rel=1e-6)
 
 
+@each(
+    "energy",
+    [
+        lambda u, v, t: v @ v / 2 + 1.01 * 9.81 * u[1],
+        lambda u, v, t: v @ v / 2 - 9.81 * u[1],
+        lambda u, v, t: v @ v / 2,
+        lambda u, v, t: 9.81 * u[1],
+        lambda u, v, t: v @ v + 9.81 * u[1],
+    ],
+)
+@each("given", [pendulum(), shifted(), RIGHT["drag"]])
+def test_energies_that_nothing_conserves_are_refused(energy, given):
+    """Also next to dissipation, which takes from a right energy."""
+    with pytest.raises(ProblemError, match=r"energy is not conserved at the start: .* changes by"):
+        newmark.problem(newmark.Definition(**given | {"energy": energy}))
+
+
+def test_an_energy_without_a_spring_that_starts_unloaded():
+    """Its rate is right at the start, where the spring has no force."""
+    given = along_x(lambda x: -50 * x, lambda x: 50.0, at=0.0)
+    energies = {
+        k: lambda u, v, t, k=k: v @ v / 2 + 9.81 * u[1] + k * u[0] ** 2 / 2 for k in (0, 50)
+    }
+    assert not refusal(given | {"energy": energies[50]})
+    assert "energy is not conserved next to the start: " in refusal(given | {"energy": energies[0]})
+
+
 FILE = """\
 import numpy as np
 from newmark_cli import Definition
