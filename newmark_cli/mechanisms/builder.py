@@ -6,7 +6,7 @@ builder, ``_springs``, which makes rows and forces of one.
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
@@ -24,7 +24,7 @@ from newmark_cli.support.spelling import nearest
 #: Largest misfit of a start, relative to the length it is a misfit of: data are rounded.
 MISFIT = 1e-12
 #: Kinds of parts that others refer to by the name of another kind.
-_ALIASES = {"body_points": "points"}
+ALIASES = {"body_points": "points"}
 
 
 _Part = TypeVar("_Part")
@@ -91,10 +91,13 @@ class Builder(ABC):
     parts: ClassVar[tuple[str, ...]]
     components: ClassVar[int]
 
-    def __init__(self, name: str, document: Document, mechanism: Any) -> None:
+    def __init__(
+        self, name: str, document: Document, mechanism: Any,
+        broken: Collection[tuple[str, str]] = (),
+    ) -> None:  # fmt: skip
         self.name, self.document, self.mechanism = name, document, mechanism
         self.mistakes = documents.Mistakes()
-        self.broken = set[tuple[str, str]]()
+        self.broken = set(broken)
         self.rows: list[Row] = []
         self.squares: dict[int, float] = {}
         self.elements = ElementList()
@@ -109,8 +112,7 @@ class Builder(ABC):
                 try:
                     build(data, (key, part))
                 except (DocumentError, Follows) as error:
-                    self._take_up(error)
-                    self.broken.add((_ALIASES.get(key, key), part))
+                    self._take_up(error, ALIASES.get(key, key), part)
         self.mistakes.refuse()
         self.weigh()
         for place in np.flatnonzero(np.any(self.loads != 0, axis=1)).tolist():
@@ -177,16 +179,18 @@ class Builder(ABC):
     # -- mistakes and references ---------------------------------------------------------------
 
     @contextmanager
-    def checked(self) -> Iterator[None]:
-        """Take up a mistake of the block, which ends there."""
+    def checked(self, *broken: str) -> Iterator[None]:
+        """Take up a mistake of the block, which ends there; kind and name are then broken."""
         try:
             yield
         except (DocumentError, Follows) as error:
-            self._take_up(error)
+            self._take_up(error, *broken)
 
-    def _take_up(self, error: Exception) -> None:
+    def _take_up(self, error: Exception, *broken: str) -> None:
         if isinstance(error, DocumentError):
             self.mistakes.note(error)
+        if broken:
+            self.broken.add((broken[0], broken[1]))
 
     def known(
         self, kind: str, name: str, path: KeyPath, among: Mapping[str, _Part],

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
-from newmark_cli.support.documents import Document, File, KeyPath
+from newmark_cli.support.documents import Document, DocumentError, File, KeyPath
 
 if TYPE_CHECKING:
     from newmark_cli.mechanisms.builder import Builder
@@ -50,13 +50,20 @@ def built(name: str, document: Document, folder: Path | None = None) -> Problem:
     """Problem from a mechanism file that was read; its code runs if its folder is given.
 
     Raises:
-        DocumentError: For every mistake that can be found, each with file, line and key: in keys
-            and values; where these are right, in what parts say of each other; and where that is
-            right, in the start.
+        DocumentError: For every mistake that can be found, each with file, line and
+            key: of the file itself, or of a mechanism without a consistent start.
     """
     _require_mechanism(document)
     kind = _builder(document.data)
-    mechanism = documents.validate(document, kind.model)
+    try:
+        mechanism = documents.validate(document, kind.model)
+    except DocumentError as error:
+        mistakes = documents.Mistakes()
+        mistakes.note(error)
+        with mistakes.gathered():
+            _check_rest(kind, name, document, error)
+        mistakes.refuse()
+        raise
     from newmark_cli.mechanisms import guess, start
 
     builder = kind(name, document, mechanism)
@@ -95,6 +102,35 @@ def _require_mechanism(document: Document) -> None:
         if paths:
             message = "only spatial mechanisms have it; is 'dimensions: 3' missing?"
             raise document.error(paths[0], message)
+
+
+def _check_rest(kind: "type[Builder]", name: str, document: Document, error: DocumentError) -> None:
+    """What can be said of a file apart from mistakes that are known.
+
+    Raises:
+        DocumentError: For mistakes in the relations between parts that are well formed.
+    """
+    others_allowed = kind.model.model_fields.keys() - set(kind.parts)
+    wrong: set[KeyPath] = {mistake.path[:2] for mistake in error.mistakes}
+    parts = {path for path in wrong if path[:1] and path[0] in kind.parts}
+    others = {path[0] for path in wrong - parts if path}
+    if error.more or () in wrong or any(len(path) < 2 for path in parts) or others - others_allowed:
+        return
+    sound = {
+        key: {name: part for name, part in value.items() if (key, name) not in parts}
+        if key in kind.parts
+        else value
+        for key, value in document.data.items()
+        if key not in others
+    }
+    if "bodies" in sound and not sound["bodies"]:
+        return  # there are some, all of them with mistakes
+    if "assemble" in others:
+        sound["assemble"] = True  # nobody knows whether positions are meant to fit
+    from newmark_cli.mechanisms.builder import ALIASES
+
+    broken = [(ALIASES.get(str(key), str(key)), str(part)) for key, part in parts]
+    kind(name, document, documents.validate(document, kind.model, sound), broken)
 
 
 def _builder(data: Any) -> "type[Builder]":

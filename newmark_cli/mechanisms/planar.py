@@ -85,7 +85,7 @@ class PlanarBuilder(builder.Builder):
         self.turning_mass: dict[int, float] = {}
         #: Of angles that are coordinates, and their rates.
         self.start_angles: list[tuple[float, float]] = []
-        if not any(point.at or not point.fixed for point in points.values()):
+        if not self.broken and not any(point.at or not point.fixed for point in points.values()):
             self.mistakes.note(self.document.error(("points",), "no point moves"))
 
     def weigh(self) -> None:
