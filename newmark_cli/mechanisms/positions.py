@@ -6,18 +6,21 @@ from collections.abc import Callable
 import numpy as np
 import scipy.sparse
 
+from newmark_cli.problems import redundancy
 from newmark_cli.problems.algebra import LU, solver
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.redundancy import column_norms, gradient_of
 from newmark_cli.support.arrays import Array
 
-#: Coordinates up to which factorisations are dense.
+#: Coordinates up to which ranks are found by dense factorisations.
 DENSE_UP_TO = 600
 #: Singular values or pivots, relative to the largest, that are rounding.
 RANK_TOLERANCE = 1e-10
 #: What a position that was looked for may miss of a constraint, of the largest coordinate.
 MISSED = 1e-9
 _MOST_CORRECTIONS = 50
+#: What a sparse solution may miss, relative to what was asked for.
+_SOLVED = 1e-6
 
 
 def size_of(u: Array) -> float:
@@ -51,19 +54,19 @@ def on_constraints(problem: Problem, u: Array) -> Array:
 
 
 def least_change(gradient: scipy.sparse.csc_array, wanted: Array) -> Array:
-    """Smallest d with Gᵀ d = wanted.
-
-    Where constraints are dependent, that of least squares; NaN in a large mechanism.
-    """
+    """Smallest d with Gᵀ d = wanted; least squares where constraints are dependent."""
     square = gradient.T @ gradient
     if gradient.shape[0] <= DENSE_UP_TO:
         if (solve := solver_if_regular(square.toarray())) is not None:
             return np.asarray(gradient @ solve(wanted))
         return np.asarray(np.linalg.lstsq(gradient.toarray().T, wanted, rcond=1e-9)[0])
     try:
-        return np.asarray(gradient @ solver(square)(wanted))
+        change = np.asarray(gradient @ solver(square)(wanted))
     except np.linalg.LinAlgError:
-        return np.full(gradient.shape[0], np.nan)
+        change = np.full(gradient.shape[0], np.nan)
+    if np.linalg.norm(gradient.T @ change - wanted) <= _SOLVED * np.linalg.norm(wanted):
+        return change
+    return redundancy.least_change(gradient, wanted)
 
 
 def solver_if_regular(matrix: Array) -> Callable[[Array], Array] | None:

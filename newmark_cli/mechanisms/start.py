@@ -15,6 +15,7 @@ from newmark_cli.mechanisms.positions import (
     DENSE_UP_TO,
     MISSED,
     RANK_TOLERANCE,
+    least_change,
     on_constraints,
     size_of,
     solver_if_regular,
@@ -27,8 +28,6 @@ from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
 from newmark_cli.support.spelling import nearest
 
-#: Coordinates up to which it is looked which constraints depend on each other.
-RANKED_UP_TO = 1000
 #: `RANK_TOLERANCE` after a search, which finds a singular position only to half the digits.
 RANK_TOLERANCE_FOUND = 1e-7
 VELOCITY_TOLERANCE = 1e-9
@@ -40,6 +39,13 @@ _MOST_PARTS = 4
 _INVOLVED = 1e-6
 #: Part of the largest share in what is redundant that a row must have to be dropped.
 _SHARE = 0.5
+#: Part of what makes a choice good at the start that it must keep along the motion, what is left
+#: of a number that counts as equal, and most work of looking for another choice.
+_LASTING, _TIE, _MOST_WORK = 0.2, 0.999, 1e8
+#: States of the motion that are looked at ahead, fewest of a large mechanism, coordinates from
+#: which on it is one, what a step between two states is of a turn (rad) or the mechanism's size,
+#: its corrections, and how many directions are taken where there are several degrees of freedom.
+_STATES, _FEWEST, _SMALL, _STEP, _CORRECTED, _WALKS = 80, 8, 60, 0.15, 4, 4
 #: What rows that a file releases by name may lack to be redundant.
 _NEARLY = 1e-4
 #: Largest singular value, relative to the largest of G, that rounding of data can make of 0; the
@@ -68,8 +74,6 @@ def consistent(builder: Builder) -> Problem:
         problem = replace(problem, u0=_assembled(builder, builder.problem(named), named))
     mistakes = documents.Mistakes()
     every = gradient_of(problem, problem.u0)
-    if problem.n > RANKED_UP_TO:
-        _require_regular(builder, problem, every)
     with mistakes.gathered():
         tolerance = RANK_TOLERANCE_FOUND if mechanism.assemble else RANK_TOLERANCE
         released, shared = _independent(builder, problem, every, tolerance, named)
@@ -78,10 +82,10 @@ def consistent(builder: Builder) -> Problem:
             gaps = partial(redundancy.gaps, problem, released, column_norms(scaled))
             problem = replace(builder.problem(released, shared), u0=problem.u0, gaps=gaps)
         problem = replace(problem, v0=_velocities(builder, problem, released, every))
-    if problem.n <= RANKED_UP_TO:
-        motions = index_1.weightless(problem.M, gradient_of(problem, problem.u0).toarray())
-        with mistakes.gathered():
-            document.refuse(builder.without_inertia(problem.u0, motions) if motions.size else ())
+    if problem.n > DENSE_UP_TO:
+        mistakes.refuse()  # inertia is looked for with rows that are independent
+    with mistakes.gathered():
+        _require_inertia(builder, problem)
     mistakes.refuse()
     return problem
 
@@ -145,8 +149,6 @@ def _independent(
     document.refuse(
         (row.path, f"row {row.name} {message}" if row.name else message) for row in useless
     )
-    if problem.n > RANKED_UP_TO:  # and regular
-        return [], frozenset()
     scaled = scipy.sparse.csc_array(gradient / sizes[None, :])
     null = _null_space(scaled, RANK_TOLERANCE if named else tolerance)
     rank = problem.m - null.shape[1]
@@ -166,7 +168,9 @@ def _independent(
             "the start is a singular position, such as a dead centre: only here do these "
             f"constraints depend on each other: {names}; start from another position",
         )
-    dropped = named or _dropped(rows, found)
+    dropped: Sequence[int] | None = named
+    if not named and (dropped := _dropped(rows, found)):
+        dropped = _exchanged(rows, dropped, _along(builder, found, problem.u0, tolerance))
     if redundant == "refuse" or dropped is None:
         message = f"redundant: these constraints depend on each other: {names}"
         if dropped is not None:
@@ -202,9 +206,7 @@ def _released_null(
         still = _by_part(rows, [kept[k] for k in _involved(left)])
         message = f"these constraints still depend on each other: {still}"
         raise builder.document.error(("redundant",), message)
-    others = scaled[:, named].toarray()
-    null = np.linalg.lstsq(rest.toarray(), others, rcond=None)[0]
-    away = others - rest @ null
+    null, away = redundancy.dependence(rest, scaled[:, named].toarray())
     needed = int(np.count_nonzero(np.linalg.svd(away, compute_uv=False) > _NEARLY))
     if needed:
         listed = _listed(rows, named)
@@ -228,7 +230,7 @@ def _require_distinct(
     """
     rows = builder.rows
     passive = _passive(builder, kept)
-    if not passive:
+    if problem.n > DENSE_UP_TO or not passive:
         return
     dense = np.asarray(scaled[:, passive].toarray(), float)
     values = np.linalg.svd(dense, compute_uv=False)
@@ -285,6 +287,8 @@ def _released_by_name(builder: Builder) -> list[int]:
 
 def _null_space(matrix: scipy.sparse.csc_array, tolerance: float) -> Array:
     """(m, k) orthonormal basis of the null space; the matrix has columns of length 1."""
+    if matrix.shape[0] > DENSE_UP_TO:
+        return redundancy.null_space(matrix, tolerance)
     dense = np.asarray(matrix.toarray(), float)
     # Vectors take ten times as long as values, and are seldom needed.
     values = np.linalg.svd(dense, compute_uv=False)
@@ -322,6 +326,86 @@ def _dropped(rows: Sequence[Row], null: Array) -> list[int] | None:
     return sorted(chosen)
 
 
+def _exchanged(rows: Sequence[Row], chosen: Sequence[int], nulls: Sequence[Array]) -> list[int]:
+    """The same rows where they are redundant along the motion, too, or others that are.
+
+    Rows are redundant together as far as their part of a null space (m, k) is regular, by its least
+    singular value.  Where that falls below a part of the start's, one row after the other is
+    exchanged for the one that raises the least along the motion most.
+    """
+    null, best = np.array(nulls), list(chosen)
+    candidates = [k for k, row in enumerate(rows) if row.path[0] == "joints"]
+
+    def least(choices: Any) -> Array:
+        values = np.linalg.svd(null[:, np.array(choices)], compute_uv=False)
+        return np.asarray(values[..., -1].min(axis=0))
+
+    here = float(least([best])[0])
+    if here >= _LASTING * np.linalg.svd(null[0, best], compute_uv=False)[-1]:
+        return best
+    while True:
+        others = [
+            sorted({*best} - {out} | {into})
+            for out in best
+            for into in candidates
+            if into not in best
+        ]
+        if not others or len(null) * len(others) * len(best) ** 3 > _MOST_WORK:
+            return best
+        values = least(others)
+        if not values.max() > here / _TIE:
+            return best
+        here = float(values.max())
+        best = max(others[k] for k in np.flatnonzero(values >= _TIE * here))
+
+
+def _along(builder: Builder, null: Array, u: Array, tolerance: float) -> list[Array]:
+    """A null space (m, k) at the start, and those along the motion, at most `_STATES`.
+
+    The motion is that of all constraints without what drives them.  Where it has one degree of
+    freedom it is followed for a turn and more, otherwise in some random directions.
+    """
+    passive = _passive(builder, range(len(builder.rows)))
+    rows = [builder.rows[k] for k in passive]
+    problem = builder.problem(_without(len(builder.rows), passive))
+    nulls, random, scale = [null], np.random.default_rng(0), _scale(u)
+    scaled, found = _null_at(problem, u, tolerance)
+    if found.shape[1] != null.shape[1]:
+        return nulls  # what drives has a share in it
+    single = problem.n - problem.m + found.shape[1] == 1
+    states = max(_FEWEST, int(_STATES * min(1.0, (_SMALL / problem.n) ** 2)))
+    for _ in range(1 if single else _WALKS):
+        place, here, there = u, scaled, found
+        direction = random.normal(size=problem.n) * scale
+        for _ in range(states if single else states // _WALKS):
+            # Rows that are independent here are followed: off the motion all of them contradict
+            # each other.
+            if (chosen := _dropped(rows, there)) is None:
+                break
+            direction = redundancy.along_null(here, direction)
+            step = direction * (_STEP / max(float(np.abs(direction / scale).max()), 1e-300))
+            moved, kept = place + step, _without(problem.m, chosen)
+            for _ in range(_CORRECTED):
+                missed = problem.constraint_values(problem.t0, moved)[kept]
+                moved = moved - least_change(gradient_of(problem, moved)[:, kept], missed)
+            if not np.abs((moved - place - step) / scale).max() < _STEP:
+                break  # the motion ends here
+            direction, place = moved - place, moved
+            here, there = _null_at(problem, place, _RANK_TOLERANCE_ASIDE)
+            if there.shape[1] == null.shape[1]:
+                every = np.zeros_like(null)
+                every[passive] = there
+                nulls.append(every)
+    return nulls
+
+
+def _null_at(problem: Problem, u: Array, tolerance: float) -> tuple[scipy.sparse.csc_array, Array]:
+    """G with columns of length 1, and its null space, at a position."""
+    gradient = gradient_of(problem, u)
+    scaled = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
+    return scaled, _null_space(scaled, tolerance)
+
+
 def _scale(u: Array) -> Array:
     """(n,) what is large of a coordinate in space: the size of the mechanism, 1 of directors."""
     scale = np.ones((len(u) // 12, 4, 3))
@@ -339,18 +423,20 @@ def _singular_here(
     direction that G allows.  At a singular position they cannot.
     """
     random, size = np.random.default_rng(0), size_of(problem.u0)
-    free = _null_space(scaled.T.tocsc(), tolerance)
-    if not free.shape[1]:
-        return False  # nothing can move: there are too many constraints everywhere
+    free = _null_space(scaled.T.tocsc(), tolerance) if problem.n <= DENSE_UP_TO else None
     for _ in range(3):
-        direction = free @ random.normal(size=free.shape[1])
+        if free is None:
+            direction = redundancy.along_null(scaled, random.normal(size=problem.n))
+        elif free.shape[1]:
+            direction = free @ random.normal(size=free.shape[1])
+        else:
+            return False  # nothing can move: there are too many constraints everywhere
         direction *= _ASIDE * size / np.abs(direction).max()
         moved = on_constraints(problem, problem.u0 + direction)
         if np.abs(moved - problem.u0 - direction).max() > 0.1 * np.abs(direction).max():
             return True
-        gradient = gradient_of(problem, moved)
-        unit = scipy.sparse.csc_array(gradient / column_norms(gradient)[None, :])
-        if problem.m - _null_space(unit, _RANK_TOLERANCE_ASIDE).shape[1] > rank:
+        _, null = _null_at(problem, moved, _RANK_TOLERANCE_ASIDE)
+        if problem.m - null.shape[1] > rank:
             return True
     return False
 
@@ -389,22 +475,22 @@ def _require_freedom(
 # -- inertia ----------------------------------------------------------------------------------
 
 
-def _require_regular(builder: Builder, problem: Problem, gradient: scipy.sparse.csc_array) -> None:
-    """Require independent constraints, and inertia of whatever can move, in a large mechanism."""
-    if getattr(builder.mechanism, "redundant", "refuse") != "refuse":
-        message = f"works up to {RANKED_UP_TO} coordinates, this mechanism has {problem.n}"
-        raise builder.document.error(("redundant",), message)
+def _require_inertia(builder: Builder, problem: Problem) -> None:
+    """Require M to be positive on the kernel of Gᵀ: whatever can move has inertia."""
+    gradient = gradient_of(problem, problem.u0)
+    if problem.n <= DENSE_UP_TO:
+        motions = index_1.weightless(problem.M, np.asarray(gradient.toarray()))
+        if motions.size:
+            builder.document.refuse(builder.without_inertia(problem.u0, motions))
+        return
     try:
         pivots = np.abs(scipy.sparse.linalg.splu(_saddle(problem, gradient)).U.diagonal())
         regular = bool(pivots.min() > _NO_INERTIA * pivots.max())
     except RuntimeError:
         regular = False
     if not regular:
-        raise builder.document.error(
-            ("bodies",),
-            "constraints depend on each other, or something can move that has no inertia: "
-            "accelerations and multipliers are undetermined",
-        )
+        message = "something can move that has no inertia; the accelerations are undetermined"
+        raise builder.document.error(("bodies",), message)
 
 
 def _saddle(problem: Problem, rows: scipy.sparse.csc_array) -> scipy.sparse.csc_array:
