@@ -4,7 +4,7 @@ import numpy as np
 
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.report.reading.figures import FIGURES, Curve
-from newmark_cli.study import results
+from newmark_cli.study import csv_files
 from newmark_cli.study.axes import series_axes
 from newmark_cli.support import files
 
@@ -132,7 +132,7 @@ _POINTS = {
 def row(value="", **columns):
     """Row of a study `own`: every statistic is the value, and the rest as usual."""
     return (
-        dict.fromkeys(results.COLUMNS, "")
+        dict.fromkeys(csv_files.COLUMNS, "")
         | {axis.name: axis.usual for axis in series_axes() if axis.usual and axis.column}
         | {
             "study": "own", "problem": "andrews", "integrator": "newmark beta=0.25 gamma=0.5",
@@ -148,7 +148,7 @@ def row(value="", **columns):
 
 def rows_of(curve):
     """Rows of one series: the study's CSV with numbers that its claims hold for."""
-    labels = {name: of for name, of in curve.key.named().items() if name in results.COLUMNS}
+    labels = {name: of for name, of in curve.key.named().items() if name in csv_files.COLUMNS}
     return [
         row(**labels, h=h) | {"t_end": 0.03, "steps": 30} | given
         for h, given in _POINTS[curve.study](curve).items()
@@ -177,7 +177,7 @@ def write(folder, figure, table=None):
     """Write the study of a figure, or other rows in its place."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{figure.study}.csv"
-    path.write_text(results.csv_text(results.COLUMNS, rows(figure) if table is None else table))
+    path.write_text(csv_files.csv_text(csv_files.COLUMNS, rows(figure) if table is None else table))
     return path
 
 
@@ -197,13 +197,13 @@ def write_history(folder, figure):
     for curve in figure.curves:
         t, found = multipliers(curve)
         for when, values in zip(t, found, strict=True):
-            row = {column: getattr(curve, column, "") for column in results.HISTORY_COLUMNS}
+            row = {column: getattr(curve, column, "") for column in csv_files.HISTORY_COLUMNS}
             row |= {"h": figure.h, "step": round(when / figure.h), "t": float(when)}
             table.append(row | {"lambda[a]": float(values[0]), "lambda[b]": float(values[1])})
-    columns = (*results.HISTORY_COLUMNS, "lambda[a]", "lambda[b]")
-    path = results.trajectory_path(folder, figure.study)
+    columns = (*csv_files.HISTORY_COLUMNS, "lambda[a]", "lambda[b]")
+    path = csv_files.trajectory_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
-    files.write(path, results.csv_text(columns, table))
+    files.write(path, csv_files.csv_text(columns, table))
     return path
 
 
@@ -218,7 +218,7 @@ def drifts(curve):
 def write_drifts(folder, figure, steps):
     """Write the drifts of a figure, h of each problem from `steps`; returns the file."""
     may_have = ("formulation", "projection", "multipliers")
-    columns = (*results.HISTORY_COLUMNS, *may_have, "drift[position]", "drift[velocity]")
+    columns = (*csv_files.HISTORY_COLUMNS, *may_have, "drift[position]", "drift[velocity]")
     table = []
     for curve in figure.curves:
         if curve.quantity != "position":
@@ -228,9 +228,9 @@ def write_drifts(folder, figure, steps):
             row |= {"h": steps[curve.problem], "step": step, "t": float(when)}
             named = {"drift[position]": float(values[0]), "drift[velocity]": float(values[1])}
             table.append(row | named)
-    path = results.trajectory_path(folder, figure.study)
+    path = csv_files.trajectory_path(folder, figure.study)
     path.parent.mkdir(parents=True, exist_ok=True)
-    files.write(path, results.csv_text(columns, table))
+    files.write(path, csv_files.csv_text(columns, table))
     return path
 
 

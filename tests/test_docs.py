@@ -22,12 +22,12 @@ from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, results
+from newmark_cli.study import config, csv_files
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.axis import TRAPEZOIDAL
+from newmark_cli.study.csv_rows import study_files
 from newmark_cli.study.entries import ExpectConfig, FigureConfig
 from newmark_cli.study.measures import MEASURES, RECORDED
-from newmark_cli.study.reading import study_files
 from newmark_cli.support import documents
 
 PAGES = pages()
@@ -272,9 +272,9 @@ def rows_of(page):
 def test_every_column_and_key_is_explained(reference):
     """No column of a CSV and no key of a file without a word about it."""
     columns = rows_of(reference["reference/csv.md"])
-    for name in (*results.COLUMNS, *slopes.COLUMNS):
+    for name in (*csv_files.COLUMNS, *slopes.COLUMNS):
         assert len(columns[name]) > 5, name
-    assert set(results.ABOUT) >= set(results.COLUMNS)
+    assert set(csv_files.ABOUT) >= set(csv_files.COLUMNS)
     keys = rows_of(reference["reference/config.md"])
     for name in (
         *config.Case.model_fields,

@@ -20,7 +20,7 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.reading.figures import Figure
 from newmark_cli.report.tables import check
 from newmark_cli.report.tables.table import markdown_table
-from newmark_cli.study import catalogue, results, schema
+from newmark_cli.study import catalogue, csv_files, schema
 from newmark_cli.study.measures import MEASURES, Record
 
 _HUGE = 1e29
@@ -290,7 +290,7 @@ def csv_page() -> str:
         "saying then.\n\n"
         + table(
             ("column", "meaning"),
-            ((f"`{name}`", results.ABOUT[name]) for name in results.COLUMNS),
+            ((f"`{name}`", csv_files.ABOUT[name]) for name in csv_files.COLUMNS),
         )
         + "\n\n## `slopes.csv`\n\n"
         "One row for each series over h; `plot` and `reproduce` write it.\n\n"
@@ -301,9 +301,9 @@ def csv_page() -> str:
         + "\n\n## Values over time\n\n"
         "`trajectory/<study>.csv` has a row for each cell and step that was kept: first the "
         "columns "
-        + ", ".join(f"`{name}`" for name in results.HISTORY_COLUMNS)
+        + ", ".join(f"`{name}`" for name in csv_files.HISTORY_COLUMNS)
         + ", and of "
-        + ", ".join(f"`{name}`" for name in results.HISTORY_MAY_HAVE)
+        + ", ".join(f"`{name}`" for name in csv_files.HISTORY_MAY_HAVE)
         + " those in which a cell differs from the default. What was kept comes after them, by "
         "name: "
         "`u[A.x]`, `v[A.x]`, `a[A.x]`, `lambda[bars.link]`, …, `energy`, `drift[position]`. "

@@ -187,10 +187,10 @@ def check(
     from newmark_cli.report.judging.text import wrapped
     from newmark_cli.report.reading import records
     from newmark_cli.report.tables import outcomes
-    from newmark_cli.study import reading
+    from newmark_cli.study import csv_rows
     from newmark_cli.support import files
 
-    wanted = reading.named_studies(folder, studies)
+    wanted = csv_rows.named_studies(folder, studies)
     series = slopes.collect(folder, wanted)
     expected = expectations.judge(folder, series)
     changed = records.changed(folder, wanted)

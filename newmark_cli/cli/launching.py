@@ -102,7 +102,7 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     from newmark_cli.report.judging import expectations, slopes
     from newmark_cli.report.reading import records
     from newmark_cli.report.tables import outcomes
-    from newmark_cli.study import reading
+    from newmark_cli.study import csv_rows
 
     series = slopes.collect(folder, studies)
     files = plotting.plot(plotting.of_studies(studies), Results(folder, series))
@@ -112,7 +112,7 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     summary = show_claims(series, expected)
     # slopes.csv is about all that is in the folder; what is printed, and the exit code,
     # only about what was run.
-    others = [file.stem for file in reading.study_files(folder) if file.stem not in studies]
+    others = [file.stem for file in csv_rows.study_files(folder) if file.stem not in studies]
     slopes.write(folder, series + slopes.collect(folder, others))
     code = code or verdict(outcomes.of(series, expected, tables=True))
     ended = sum(status == "ok" for done in runs for status in done.statuses)

@@ -28,10 +28,10 @@ from newmark_cli.report.judging.slopes import Slope, study_slopes
 from newmark_cli.report.judging.verdicts import SHOWN
 from newmark_cli.study import axes
 from newmark_cli.study.compute import with_rounding
+from newmark_cli.study.csv_files import NUMBERS
 from newmark_cli.study.measures import OF_OUTPUTS
 from newmark_cli.study.observers import Deviations
 from newmark_cli.study.observers import invariants as compared
-from newmark_cli.study.results import NUMBERS
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError, InputError
 

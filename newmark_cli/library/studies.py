@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from newmark_cli.library import arguments
 from newmark_cli.report.reading import records
-from newmark_cli.study import axes, config, reading, results
+from newmark_cli.study import axes, config, csv_files, csv_rows
 from newmark_cli.study import trajectories as kept
 from newmark_cli.study.axis import ALIASES
 from newmark_cli.study.config import Study
@@ -100,11 +100,11 @@ def _read(folder: Path, study: str) -> "pd.DataFrame":
     from newmark_cli.library.frames import Rows
 
     path = folder / f"{study}.csv"
-    frame = Rows(reading.read_study(path).reset_index(drop=True))
+    frame = Rows(csv_rows.read_study(path).reset_index(drop=True))
     record = records.known(path)
     record_kept = {key: record[key] for key in _KEPT if key in record}
     frame.attrs[_RECORDS] = {study: json.dumps(record_kept)}
-    content = results.read(path, series=True)[results.trajectory_path(folder, study)]
+    content = csv_files.read(path, series=True)[csv_files.trajectory_path(folder, study)]
     if not isinstance(content, OSError):
         frame.attrs[_TRAJECTORIES] = {study: content.decode()}
     return frame
@@ -300,7 +300,7 @@ def _fits(frame: Any) -> tuple[list["Slope"], dict[str, Any]]:
 
     if not isinstance(frame, pd.DataFrame):
         raise ArgumentError(f"frame must be a DataFrame, given {arguments.shown(frame)}")
-    lacking = [name for name in axes.present(results.COLUMNS, ()) if name not in frame.columns]
+    lacking = [name for name in axes.present(csv_files.COLUMNS, ()) if name not in frame.columns]
     if lacking or frame.empty:
         why = f"lacks {', '.join(lacking)}" if lacking else "is empty"
         raise ArgumentError(f"frame must be rows of a study, as run returns them, but {why}")
@@ -309,6 +309,6 @@ def _fits(frame: Any) -> tuple[list["Slope"], dict[str, Any]]:
     for study, rows in frame.groupby("study", sort=False):
         path = _NOWHERE / f"{study}.csv"
         lines = [{str(k): v for k, v in row.items()} for row in rows.to_dict("records")]
-        text = results.csv_text(axes.present(results.COLUMNS, lines), lines)
-        fits += study_slopes(reading.read_rows(path, text.encode()), path, recorded.get(study, {}))
+        text = csv_files.csv_text(axes.present(csv_files.COLUMNS, lines), lines)
+        fits += study_slopes(csv_rows.read_rows(path, text.encode()), path, recorded.get(study, {}))
     return fits, recorded

@@ -19,7 +19,7 @@ from newmark_cli.running.executors import Execution, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References
 from newmark_cli.running.store import Store, file_name
-from newmark_cli.study import motion, provenance, results, trajectories
+from newmark_cli.study import csv_files, motion, provenance, trajectories
 from newmark_cli.study.axes import Cell, present
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
@@ -191,11 +191,11 @@ def _held(studies: Sequence[Study], folder: Path) -> Iterator[None]:
     _require_distinct(studies)
     names = [study.study for study in studies]
     files = [f"{name}{suffix}" for name in names for suffix in (".csv", ".json")]
-    results.require_writable(folder, files)
-    for name in ("cells", "references", results.RUNS, *results.SERIES_FOLDERS):
+    csv_files.require_writable(folder, files)
+    for name in ("cells", "references", csv_files.RUNS, *csv_files.SERIES_FOLDERS):
         part = folder / name
         if part.exists():
-            results.require_writable(part, ())
+            csv_files.require_writable(part, ())
     with locked(folder, f"run {' '.join(names)}"):
         Store(folder).prepare()
         yield
@@ -336,12 +336,12 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
     cells = study.cells()
     outcomes = [done.outcome for done in ended]
     path = folder / f"{study.study}.csv"
-    table = results.rows(study.study, cells, outcomes)
-    columns = present(results.COLUMNS, table)
-    texts: dict[Path, str | bytes] = {path: results.csv_text(columns, table)}
+    table = csv_files.rows(study.study, cells, outcomes)
+    columns = present(csv_files.COLUMNS, table)
+    texts: dict[Path, str | bytes] = {path: csv_files.csv_text(columns, table)}
     kept = trajectories.table(study.study, cells, outcomes)
     if kept is not None:
-        file = results.trajectory_path(folder, study.study, parquet=options.parquet)
+        file = csv_files.trajectory_path(folder, study.study, parquet=options.parquet)
         texts[file] = trajectories.parquet(kept) if options.parquet else trajectories.csv(kept)
     checksums = {
         file.relative_to(folder).as_posix(): provenance.checksum(text)
@@ -352,7 +352,7 @@ def _write(study: Study, folder: Path, ended: Sequence[Done], options: Options) 
     known = _of_problems(cells, options.timeout)
     record |= {key: facts for key, facts in known.items() if facts}
     with interrupts.postponed():
-        results.replace(folder, study.study, texts, record, run)
+        csv_files.replace(folder, study.study, texts, record, run)
     return path
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import newmark_cli
-from newmark_cli.study import axes, checkout, reading, results, shipped
+from newmark_cli.study import axes, checkout, csv_files, csv_rows, shipped
 from newmark_cli.study.axes import Cell, cell_axes
 from newmark_cli.study.axis import label
 from newmark_cli.study.cell import Done, Outcome
@@ -143,7 +143,8 @@ def other_origin(study: "Study", folder: Path) -> str:
     the recorded file is gone, nobody knows of another one.
     """
     record, run = (
-        reading.parsed(content) for content in results.read_records(folder / f"{study.study}.csv")
+        csv_rows.parsed(content)
+        for content in csv_files.read_records(folder / f"{study.study}.csv")
     )
     if not record or record.get("config_sha256") == config_checksum(resolved(study)):
         return ""

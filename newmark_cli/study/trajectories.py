@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from newmark_cli.newmark.kept import KEEPABLE
-from newmark_cli.study import axes, reading, results
+from newmark_cli.study import axes, csv_files, csv_rows
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
-from newmark_cli.study.results import HISTORY_COLUMNS, HISTORY_MAY_HAVE
+from newmark_cli.study.csv_files import HISTORY_COLUMNS, HISTORY_MAY_HAVE
 from newmark_cli.support.errors import InputError, ResultsError
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> "pd
 
 def csv(frame: "pd.DataFrame") -> str:
     """A table as a CSV whose floats read back to the same bits."""
-    texts = {name: frame[name].map(results.spelled) for name in frame.columns if name in _TEXTS}
+    texts = {name: frame[name].map(csv_files.spelled) for name in frame.columns if name in _TEXTS}
     return str(frame.assign(**texts).to_csv(index=False, lineterminator="\n"))
 
 
@@ -82,8 +82,8 @@ def read(folder: Path, study: str) -> "pd.DataFrame":
         InputError: When it is Parquet, and pyarrow is not installed.
     """
     path = folder / f"{study}.csv"
-    contents = results.read(path, series=True)
-    text, binary = (results.trajectory_path(folder, study, kind) for kind in (False, True))
+    contents = csv_files.read(path, series=True)
+    text, binary = (csv_files.trajectory_path(folder, study, kind) for kind in (False, True))
     if isinstance(contents[text], FileNotFoundError):
         if isinstance(contents[binary], FileNotFoundError):
             raise ResultsError(
@@ -95,11 +95,11 @@ def read(folder: Path, study: str) -> "pd.DataFrame":
 
 def parse(path: Path, content: bytes | OSError) -> "pd.DataFrame":
     """Trajectories from the content of a CSV; see `read`."""
-    frame = reading.read_csv(path, HISTORY_COLUMNS, content=content)
+    frame = csv_rows.read_csv(path, HISTORY_COLUMNS, content=content)
     for column in frame.columns:
         if column not in _TEXTS:
             texts = frame[column].items()
-            values = np.array([reading.number(path, line, column, text) for line, text in texts])
+            values = np.array([csv_rows.number(path, line, column, text) for line, text in texts])
             if column != "step":
                 frame[column] = values
             elif np.all(values % 1 == 0):

@@ -16,7 +16,7 @@ from each import each
 from newmark_cli import __version__
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, results
+from newmark_cli.study import config, csv_files
 
 COMMANDS = tuple(command_line.commands)
 
@@ -51,7 +51,7 @@ def test_run_writes_the_contract(cli, quick):
     assert done.stderr == ""
     table = rows_in(cli.folder / "results/quick.csv")
     seldom = ("h_sequence", "auxiliary")  # they are there where they vary
-    assert tuple(table[0]) == tuple(name for name in results.COLUMNS if name not in seldom)
+    assert tuple(table[0]) == tuple(name for name in csv_files.COLUMNS if name not in seldom)
     keys = [(r["preconditioning"], r["h"], r["quantity"], r["measure"], r["role"]) for r in table]
     per_cell = [
         ("u", "correction", "primary"),

@@ -13,7 +13,7 @@ from newmark_cli.report.judging import expectations
 from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, results, shipped
+from newmark_cli.study import config, csv_files, shipped
 from newmark_cli.study.entries import expectations as plain
 
 EVERY_FIGURE = each("figure", synthetic.CLAIMING)
@@ -84,7 +84,7 @@ def written(folder, *entries, drop=()):
             if (quantity, h) not in drop:
                 rows.append(synthetic.row(value, h=h, steps=100, **where))
     path = folder / "own.csv"
-    path.write_text(results.csv_text(results.COLUMNS, rows))
+    path.write_text(csv_files.csv_text(csv_files.COLUMNS, rows))
     record = {
         "study": "own",
         "config": {"expect": [{"measure": "correction", **entry} for entry in entries]},

@@ -11,7 +11,7 @@ from each import each
 
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import compare as comparing
-from newmark_cli.study.results import csv_text
+from newmark_cli.study.csv_files import csv_text
 
 MULTIPLIERS = FIGURES["10"]
 KRYLOV = FIGURES["13"]

@@ -15,9 +15,9 @@ from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.fits import Fit, format_fit, power_law
 from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, results
+from newmark_cli.study import config, csv_files
+from newmark_cli.study.csv_rows import read_study
 from newmark_cli.study.measures import RECORDS
-from newmark_cli.study.reading import read_study
 from newmark_cli.support.errors import ResultsError
 
 ORDER_FIGURES = [f for f in FIGURES.values() if f.in_paper]
@@ -182,7 +182,7 @@ def history(tmp_path_factory):
 )
 def test_damaged_history(tmp_path, history, damage, words):
     figure = FIGURES["15"]
-    path = results.trajectory_path(tmp_path, figure.study)
+    path = csv_files.trajectory_path(tmp_path, figure.study)
     path.parent.mkdir()
     path.write_text(damage(history))
     with pytest.raises(ResultsError, match=words) as caught:

@@ -15,7 +15,7 @@ from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, lo
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import results
+from newmark_cli.study import csv_files
 
 H = np.array([1e-4, 1e-3, 1e-2, 1e-1])
 
@@ -175,7 +175,7 @@ def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     """Figure 6 is not drawn into a stranger's results, unless it is asked for by name."""
     own = [row | {"study": "own", "problem": problem} for row in synthetic.rows(FIGURES["12"])]
     path = tmp_path / "own.csv"
-    path.write_text(results.csv_text(results.COLUMNS, own))
+    path.write_text(csv_files.csv_text(csv_files.COLUMNS, own))
     given = Results(tmp_path, of_csv(path))
     found = plot.chosen((), given).figures
     assert (FIGURES["6"] in found) == (problem == "andrews")

@@ -17,7 +17,7 @@ from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
 from newmark_cli.report.tables.table import latex, markdown_table
-from newmark_cli.study.results import csv_text
+from newmark_cli.study.csv_files import csv_text
 from newmark_cli.support.errors import one_line, visible, visible_lines
 
 #: Moves the cursor, sets a title, rings; begins and ends lines; turns writing around.

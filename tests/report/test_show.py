@@ -20,7 +20,7 @@ from test_slopes import power, series
 
 from newmark_cli.report.judging import text
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import results
+from newmark_cli.study import csv_files
 
 #: A series with an order of its own between every two step sizes: 1e-9 h² and so on.
 BENT = {1e-2: 8e-5, 1e-3: 8e-7, 1e-4: 2e-8, 1e-5: 2e-10}
@@ -30,7 +30,7 @@ DAMPED = "generalized-alpha rho=0.9"
 def write(cli, table, study="own"):
     """A study's CSV in the results folder."""
     table = [row | {"study": study} for row in table]
-    return cli.write(f"results/{study}.csv", results.csv_text(results.COLUMNS, table))
+    return cli.write(f"results/{study}.csv", csv_files.csv_text(csv_files.COLUMNS, table))
 
 
 def tables(printed):

@@ -21,7 +21,7 @@ from newmark_cli.report.judging.verdicts import (
     UNDECIDED,
 )
 from newmark_cli.report.tables import check, outcomes
-from newmark_cli.study import results
+from newmark_cli.study import csv_files
 
 STEPS = (1e-2, 1e-3, 1e-4, 1e-5)
 
@@ -44,7 +44,7 @@ def power(order, steps=STEPS):
 def found(folder, table, accept=None):
     """Slopes of a study's rows."""
     path = folder / "own.csv"
-    path.write_text(results.csv_text(results.COLUMNS, table))
+    path.write_text(csv_files.csv_text(csv_files.COLUMNS, table))
     if accept is not None:
         record = {"rows": len(table), "config": {"cases": [{"h": [1]}, {"accept": accept}]}}
         path.with_suffix(".json").write_text(json.dumps(record))

@@ -19,7 +19,7 @@ from newmark_cli.report.judging.verdicts import MISS
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import study_tables
-from newmark_cli.study import results
+from newmark_cli.study import csv_files
 from newmark_cli.study.entries import TableConfig
 from newmark_cli.support.errors import InputError
 
@@ -53,7 +53,7 @@ def written(folder, rows, record=None):
         studies.setdefault(one["study"], []).append(one)
     folder.mkdir(parents=True, exist_ok=True)
     for study, ours in studies.items():
-        text = results.csv_text(results.COLUMNS, ours)
+        text = csv_files.csv_text(csv_files.COLUMNS, ours)
         (folder / f"{study}.csv").write_text(text)
         if record is not None:
             (folder / f"{study}.json").write_text(json.dumps({"study": study} | record))

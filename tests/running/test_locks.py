@@ -8,7 +8,7 @@ from each import each
 from portalocker import portalocker
 
 from newmark_cli.running import lock
-from newmark_cli.study.results import ResultsError
+from newmark_cli.study.csv_files import ResultsError
 
 
 @each("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL])

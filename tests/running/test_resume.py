@@ -31,7 +31,7 @@ from test_show import on_a_terminal
 import newmark_cli
 from newmark_cli.newmark.statistics import Measurement, Statistics
 from newmark_cli.running import runner, store
-from newmark_cli.study import config, results, trajectories
+from newmark_cli.study import config, csv_files, trajectories
 from newmark_cli.study.cell import STATUSES, Done, Outcome
 
 ROD = """\
@@ -419,7 +419,7 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, lack
     back = kept.find(cell)
     assert back.outcome.lacks == lacks
     for text in (
-        lambda one: results.csv_text(results.COLUMNS, results.rows("s", [cell], [one])),
+        lambda one: csv_files.csv_text(csv_files.COLUMNS, csv_files.rows("s", [cell], [one])),
         lambda one: trajectories.csv(trajectories.table("s", [cell], [one])),
     ):
         assert text(back.outcome) == text(outcome)

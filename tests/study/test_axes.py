@@ -13,7 +13,7 @@ from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report.judging import slopes
-from newmark_cli.study import axes, config, results
+from newmark_cli.study import axes, config, csv_files
 
 #: The columns of CSVs as they have always been, by hand.
 STUDY_COLUMNS = (
@@ -29,7 +29,7 @@ SLOPE_COLUMNS = (
 
 def test_columns_are_appended():
     """What older programs read stands where it stood."""
-    assert ",".join(results.COLUMNS) == STUDY_COLUMNS
+    assert ",".join(csv_files.COLUMNS) == STUDY_COLUMNS
     assert ",".join(slopes.COLUMNS).startswith(SLOPE_COLUMNS + ",")
 
 
@@ -156,7 +156,7 @@ MappingProxyType = lambda table: {**table, "speed": _Speed}
 """,
     ),
     (
-        "newmark_cli.study.results",
+        "newmark_cli.study.csv_files",
         "_AXES = (\n",
         """\
 MEASURED = (

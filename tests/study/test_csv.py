@@ -12,8 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from newmark_cli.report.judging import slopes
-from newmark_cli.study.reading import SERIES, read_record, read_rows, read_study
-from newmark_cli.study.results import NUMBERS, csv_text, parse_csv
+from newmark_cli.study.csv_files import NUMBERS, csv_text, parse_csv
+from newmark_cli.study.csv_rows import SERIES, read_record, read_rows, read_study
 
 #: Names that a spreadsheet would compute, or begin a cell in.
 FORMULAS = (

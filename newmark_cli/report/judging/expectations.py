@@ -22,8 +22,8 @@ from newmark_cli.report.judging.verdicts import INCOMPLETE, MISS, PASS, SHOWN, U
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.csv_rows import mapping
 from newmark_cli.study.entries import ExpectConfig, expectations
-from newmark_cli.study.reading import mapping
 from newmark_cli.support.arrays import Array, Mask
 
 

@@ -37,12 +37,12 @@ from newmark_cli.report.judging.verdicts import (
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Figure, of_study
 from newmark_cli.report.reading.figures import place as place_of
-from newmark_cli.study import axes, results, shipped
+from newmark_cli.study import axes, csv_files, shipped
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.cell import NOT_CONVERGING as STALLING
 from newmark_cli.study.cell import STATUSES
-from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
-from newmark_cli.study.reading import (
+from newmark_cli.study.csv_files import NUMBERS, ROUNDING
+from newmark_cli.study.csv_rows import (
     SERIES,
     listed,
     mapping,
@@ -50,7 +50,7 @@ from newmark_cli.study.reading import (
     read_rows,
     study_files,
 )
-from newmark_cli.study.results import NUMBERS, ROUNDING
+from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
 from newmark_cli.study.showable import VALUES
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array, Mask
@@ -229,7 +229,7 @@ def write(folder: Path, slopes: Sequence[Slope]) -> None:
     rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
     ordered = in_figure_order(slopes) + rest
     rows = [slope.row() for slope in ordered]
-    text = results.csv_text(axes.present(COLUMNS, rows), rows)
+    text = csv_files.csv_text(axes.present(COLUMNS, rows), rows)
     files.write(folder / "slopes.csv", text)
 
 

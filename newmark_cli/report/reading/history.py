@@ -10,7 +10,7 @@ from newmark_cli.newmark.kept import DRIFT
 from newmark_cli.report.reading.figures import Curve
 from newmark_cli.study import axes, trajectories
 from newmark_cli.study.cell import DRIFTS
-from newmark_cli.study.results import read, trajectory_path
+from newmark_cli.study.csv_files import read, trajectory_path
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ResultsError
 

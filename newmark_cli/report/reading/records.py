@@ -7,10 +7,10 @@ from typing import Any, NamedTuple, TypeVar
 
 import newmark_cli
 from newmark_cli.report.reading.words import counted
-from newmark_cli.study import axes, results
+from newmark_cli.study import axes, csv_files
 from newmark_cli.study import shipped as shipped_configs
+from newmark_cli.study.csv_rows import listed, mapping
 from newmark_cli.study.provenance import checksum, merged
-from newmark_cli.study.reading import listed, mapping
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError, visible
 
@@ -22,9 +22,9 @@ UNKNOWN = "not recorded"
 
 def read(path: Path) -> dict[str, Any]:
     """Provenance of one CSV, and of the run that wrote it where that is known."""
-    content, of_run = results.read_records(path)
+    content, of_run = csv_files.read_records(path)
     try:
-        run = _parsed(results.run_path(path), of_run)
+        run = _parsed(csv_files.run_path(path), of_run)
     except ResultsError:
         run = {}
     return merged(_parsed(path, content), run)
@@ -197,8 +197,8 @@ def changed(folder: Path, names: Iterable[str]) -> list[Changed]:
 
 def _changed(folder: Path, study: str) -> Iterator[Changed]:
     path = folder / f"{study}.csv"
-    contents = results.read(path, series=True)
-    file, series = path.with_suffix(".json"), results.series_paths(path)
+    contents = csv_files.read(path, series=True)
+    file, series = path.with_suffix(".json"), csv_files.series_paths(path)
     try:
         recorded = checksums(_parsed(path, contents[file]))
     except ResultsError:

@@ -13,8 +13,8 @@ from newmark_cli.report.judging.text import text_table
 from newmark_cli.report.reading import records
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.csv_rows import SERIES, read_study, study_files
 from newmark_cli.study.measures import RECORDS
-from newmark_cli.study.reading import SERIES, read_study, study_files
 from newmark_cli.support.errors import visible
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from newmark_cli.report.reading.words import counted, quantity
 from newmark_cli.report.tables.check import format_integrator, format_prediction, format_verdict
 from newmark_cli.report.tables.table import MISSING
 from newmark_cli.study import axes
-from newmark_cli.study.reading import named_studies, read_record, read_rows
+from newmark_cli.study.csv_rows import named_studies, read_record, read_rows
 
 #: Columns of a study's CSV that tell its cells apart.
 _CELL = [axis.name for axis in axes.cell_axes() if axis.cell] + ["steps"]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from newmark_cli.report.judging.text import fitted, latex_text, markdown, text_table, wrapped
-from newmark_cli.study import results
+from newmark_cli.study import csv_files
 from newmark_cli.support import files
 
 #: Letters in a line of a page in LaTeX; columns of longer tables wrap.
@@ -203,14 +203,14 @@ class Report:
     def _csv(self) -> str:
         """The records, or the rows of all tables, each with the title of its table."""
         if self.columns:
-            return results.csv_text(self.columns, self.records)
+            return csv_files.csv_text(self.columns, self.records)
         headings = dict.fromkeys(name for table in self.tables for name in table.headings)
         entries = (
             {"table": table.title, **dict(zip(table.headings, row, strict=True))}
             for table in self.tables
             for row in table.rows
         )
-        return results.csv_text(("table", *headings), entries)
+        return csv_files.csv_text(("table", *headings), entries)
 
 
 def _sentences(legend: Legend) -> list[str]:

@@ -7,9 +7,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from newmark_cli.study import axes, results
+from newmark_cli.study import axes, csv_files
 from newmark_cli.study.cell import STATUSES
-from newmark_cli.study.results import COLUMNS, NUMBERS, parse_csv
+from newmark_cli.study.csv_files import COLUMNS, NUMBERS, parse_csv
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError
 from newmark_cli.support.spelling import nearest
@@ -126,8 +126,8 @@ def read_rows(path: Path, content: bytes | None = None) -> dict[str, list[Any]]:
     What is in memory already is read from its content, and has no record beside it.
     """
     record = path.with_suffix(".json")
-    contents = results.read(path) if content is None else {path: content, record: b"{}"}
-    columns, lines = _read_csv(path, COLUMNS, results.DEFAULTS, contents[path])
+    contents = csv_files.read(path) if content is None else {path: content, record: b"{}"}
+    columns, lines = _read_csv(path, COLUMNS, csv_files.DEFAULTS, contents[path])
     for axis in _AXES:
         spellings = {text: axis.same(text) for text in dict.fromkeys(columns[axis.name])}
         columns[axis.name] = [spellings[text] for text in columns[axis.name]]
@@ -160,7 +160,7 @@ def _numbers(path: Path, lines: Sequence[int], column: str, texts: Sequence[str]
 
 def read_record(path: Path) -> dict[str, Any]:
     """The record next to a CSV; empty where there is none that can be read."""
-    return parsed(results.read_record(path))
+    return parsed(csv_files.read_record(path))
 
 
 def mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:
