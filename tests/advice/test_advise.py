@@ -18,13 +18,10 @@ from each import each
 
 import newmark_cli as newmark
 from newmark_cli.advice import advising, linearised
-from newmark_cli.advice.advising import Equilibration
 from newmark_cli.library.scalings import read, scheme_of
-from newmark_cli.newmark.balance import Inverted, equilibrium
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
-from newmark_cli.problems.index_1 import Index1
 from newmark_cli.support import matrices
 
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/matrices.py"
@@ -86,8 +83,7 @@ def exact_blocks(found, form, h, beta=BETA, gamma=GAMMA):
 
 @pytest.mark.usefixtures("without_floors")
 @each("form, h", [
-    ("u-lambda", 1e-3), ("u-lambda", 1e-8), ("v-lambda", 1e-7), ("a-lambda", 1e-6),
-    ("u-v-a-lambda", 1e-7),
+    ("u-lambda", 1e-8), ("v-lambda", 1e-7), ("u-v-a-lambda", 1e-7),
 ])  # fmt: skip
 def test_condition_numbers_are_those_of_mpmath(example, double, form, h):
     """Every variant within 1e-9 of 70 digits, up to C = 1e32, from a file that NumPy wrote."""
@@ -158,11 +154,7 @@ def test_what_is_not_given_is_said():
     assert advice.condition[1e-3]["optimal"] == pytest.approx((3 + 5**0.5) / 2, rel=1e-12)
     with pytest.raises(newmark.NewmarkError, match="only where a state"):
         newmark.advise({"M": np.eye(2), "G": [[1.0], [0.0]]}, h=1e-3, tolerance=1e-8)
-
-
-@pytest.mark.usefixtures("without_noise")
-def test_a_singular_mass_matrix_is_no_obstacle():
-    """M may be singular where the constraints hold what has no mass."""
+    # M may be singular where the constraints hold what has no mass.
     mass, gradient = np.diag([2.0, 0.0, 1.0]), np.array([[0.0], [1.0], [0.5]])
     advice = newmark.advise({"M": mass, "G": gradient}, h=1e-4)
     full = np.block([[mass * 4e8, -gradient], [gradient.T, np.zeros((1, 1))]])
@@ -226,33 +218,7 @@ def test_nothing_is_unpickled(cli, tmp_path):
     assert marker.exists()
 
 
-def test_folders_and_paths_that_are_no_matrices(cli, tmp_path):
-    """An empty folder, no file, another ending, a pipe."""
-    (cli.folder / "empty").mkdir()
-    assert "has none of M.mtx" in cli.refused("advise", "--matrices", "empty", "--h", "1e-3")
-    assert "No such file" in cli.refused("advise", "--matrices", "no.npz", "--h", "1e-3")
-    cli.write("mine.txt", "1")
-    assert "an .npz file or a folder" in cli.refused("advise", "--matrices", "mine.txt", "--h", "1")
-    newmark_options = ("--h", "1e-3", "--formulation", "ggl")
-    npz(cli.folder / "fine.npz", M=EYE, G=COLUMN)
-    assert "index-3" in cli.refused("advise", "--matrices", "fine.npz", *newmark_options)
-    assert "give one of SUBJECT" in cli.refused("advise", "--h", "1e-3")
-    assert "--h: give a step size" in cli.refused("advise", "pendulum")
-
-
-def test_sparse_market_files_are_read(tmp_path):
-    """Coordinates, symmetric and pattern files, as SciPy writes them."""
-    mass = scipy.sparse.coo_array(np.diag([2.0, 3.0]))
-    scipy.io.mmwrite(tmp_path / "M.mtx", mass, symmetry="symmetric")
-    scipy.io.mmwrite(tmp_path / "G.mtx", scipy.sparse.coo_array([[1.0], [0.0]]))
-    found = matrices.read(tmp_path, ("M", "G", "X"))
-    assert found["M"].tolist() == [[2, 0], [0, 3]]
-    assert found["G"].tolist() == [1, 0]
-    assert "X" not in found
-
-
-@each("variant", ["none", "left", "right", "optimal"])
-@each("form", FORMS)
+@each("form, variant", covering(FORMS, ("none", "left", "right", "optimal")))
 def test_the_scaling_in_a_jacobian_is_found(double, form, variant):
     """From two step sizes always; multiplied by the factors, it is the optimal one."""
     steps, several, optimal = [1e-3, 1e-4], [], []
@@ -311,82 +277,32 @@ def test_the_scaling_half_way_is_told_by_its_powers(double):
     assert float(single.findings[-1].rpartition("= ")[2]) < 10
 
 
-def test_jacobians_on_the_command_line(example, cli):
-    """Files with and without names of blocks; mistakes are refused in one line."""
-    done = cli("advise", "--jacobian", example / "jacobians.npz", "--json")
-    found = json.loads(done.stdout)
+def test_what_the_command_reads_and_refuses(example, cli, advise_cli):
+    """Files with and without names of blocks; studies have problems; mistakes take a line."""
+    found = json.loads(advise_cli("--jacobian", example / "jacobians.npz", "--json"))
     assert (found["found"], found["right"]["lambda"]) == ("left", "1/(beta*h^2)")
     assert found["orders"]["D"]["lambda"] == pytest.approx(2.0, abs=1e-9)
     with np.load(example / "jacobians.npz") as several:
         scipy.io.mmwrite(cli.folder / "one.mtx", several["J"][1])
-    text = cli("advise", "--jacobian", "one.mtx", "--blocks", "u=4,lambda=2", "--h", "1e-4").stdout
+    one = ("--jacobian", "one.mtx", "--h", "1e-4")
+    text = advise_cli(*one, "--blocks", "u=4,lambda=2")
     assert "inferred from one Jacobian: its blocks fit no other" in text
-    refuse = ("advise", "--jacobian", "one.mtx", "--h", "1e-4")
-    assert "such as u=8,lambda=7" in cli.refused(*refuse)
-    assert "no form has lambda,u" in cli.refused(*refuse, "--blocks", "lambda=2,u=4")
-    assert "must be 7 by 7" in cli.refused(*refuse, "--blocks", "u=4,lambda=3")
-    assert "--tolerance does not go" in cli.refused(
-        *refuse, "--blocks", "u=4,lambda=2", "--tolerance", "1"
-    )
-
-
-LINKS = 5
-LENGTHS = 0.7 + 0.1 * np.arange(LINKS)
-MASSES = np.repeat(1.0 + 0.3 * np.arange(LINKS), 2)
-WEIGHT = -9.81 * MASSES * np.tile([0.0, 1.0], LINKS)
-
-
-def bars(u):
-    """Φ and G of a chain of point masses on bars."""
-    apart = np.diff(u.reshape(-1, 2), axis=0, prepend=0.0)
-    gradient = np.zeros((2 * LINKS, LINKS))
-    for k, along in enumerate(apart):
-        gradient[2 * k : 2 * k + 2, k] = along
-        if k:
-            gradient[2 * k - 2 : 2 * k, k] = -along
-    return (np.sum(apart**2, axis=1) - LENGTHS**2) / 2, gradient
-
-
-def newton(h, steps=30, corrections=6):
-    """A chain by the trapezoidal rule in plain NumPy: (u, λ) form, direct residuals, optimal.
-
-    Returns norms of the corrections of u, λ and βh²λ, and of the residual before and after row D
-    is scaled, in every step their median once rounding rules; and M, X, G and the last state.
-    """
-    n, m, mass = 2 * LINKS, LINKS, np.diag(MASSES)
-    angles = 0.7 - 0.3 * np.arange(m)
-    steps_along = LENGTHS[:, None] * np.stack([np.sin(angles), -np.cos(angles)], axis=1)
-    u, v = np.cumsum(steps_along, axis=0).ravel(), np.zeros(n)
-    corner = np.zeros((m, m))
-    gradient = bars(u)[1]
-    saddle = np.block([[mass, -gradient], [gradient.T, corner]])
-    a, lam = np.split(np.linalg.solve(saddle, np.append(WEIGHT, np.zeros(m))), [n])
-    scale, typical = 0.25 * h**2, []
-    left, right = np.repeat([scale, 1.0], [n, m]), np.repeat([1.0, 1 / scale], [n, m])
-    differences = np.eye(m) - np.eye(m, k=-1)
-    for _ in range(steps):
-        past = mass @ (u / scale + 4 * v / h + a)
-        old, here = u, []
-        u = u + h * v
-        for _ in range(corrections):
-            phi, gradient = bars(u)
-            x = -np.kron(differences.T @ np.diag(lam) @ differences, np.eye(2))
-            residual = np.append(mass @ u / scale - past - WEIGHT - gradient @ lam, phi)
-            jacobian = np.block([[x + mass / scale, -gradient], [gradient.T, corner]])
-            change = right * np.linalg.solve(left[:, None] * jacobian * right, -left * residual)
-            parts = (change[:n], change[n:], scale * change[n:], residual, left * residual)
-            here.append([np.linalg.norm(part) for part in parts])
-            u, lam = u + change[:n], lam + change[n:]
-        typical.append(np.median(here[2:], axis=0))
-        a, v = 4 / h**2 * (u - old) - 4 / h * v - a, 2 / h * (u - old) - v
-    found = {"M": mass, "G": bars(u)[1], "X": x, "u": u, "v": v, "a": a, "lambda": lam}
-    return np.array(typical), found
-
-
-@pytest.fixture(scope="module")
-def swing():
-    """The loop at h = 1e-5."""
-    return newton(1e-5)
+    npz(cli.folder / "fine.npz", M=EYE, G=COLUMN)
+    cli.write("mine.py", SWING)
+    for arguments, said in (
+        (one, "such as u=8,lambda=7"),
+        ((*one, "--blocks", "lambda=2,u=4"), "no form has lambda,u"),
+        ((*one, "--blocks", "u=4,lambda=3"), "must be 7 by 7"),
+        ((*one, "--blocks", "u=4,lambda=2", "--tolerance", "1"), "--tolerance does not go"),
+        (("--matrices", "no.npz", "--h", "1e-3"), "No such file"),
+        (("--matrices", "mine.py", "--h", "1"), "an .npz file or a folder"),
+        (("--matrices", "fine.npz", "--h", "1e-3", "--formulation", "ggl"), "index-3"),
+        (("--h", "1e-3"), "give one of SUBJECT"),
+        (("pendulum",), "--h: give a step size"),
+        (("mine.py:swing", "--h", "1e-3"), "--allow-code"),
+        (("pendulm", "--h", "1e-3"), "did you mean 'pendulum'?"),
+    ):
+        assert said in cli.refused("advise", *arguments)
 
 
 def finding(advice, word):
@@ -395,51 +311,32 @@ def finding(advice, word):
     return text
 
 
-@pytest.mark.usefixtures("without_noise", "of_float64")
-def test_a_tolerance_tested_after_unscaling(swing):
-    """All steps miss 1e-8 on λ = λ̄/(βh²), and meet it on λ̄; advice says so with the size."""
-    corrections, found = swing
-    assert np.mean(corrections[:, 1] > 1e-8) > 0.8
-    assert np.all(corrections[:, 2] < 1e-8)
-    advice = newmark.advise(found, h=1e-5, tolerance=1e-8, tested="physical")
-    text = finding(advice, "tolerance 1e-08")
-    assert "cannot be met at h = 1e-05" in text
-    assert "λ is tested after unscaling: test beta*h^2 · λ instead" in text
-    predicted = next(one for one in advice.tolerances if one.unknown == "lambda")
-    measured = np.sqrt(np.mean(corrections[:, 1] ** 2))
-    rms = predicted.physical / 2  # the smallest tolerance is twice that
-    assert rms / 3 < measured < 3 * rms
-    text = finding(newmark.advise(found, h=1e-5, tolerance=1e-8), "tolerance 1e-08")
-    assert "on the scaled correction of all unknowns: can be met" in text
-
-
-@pytest.mark.usefixtures("without_noise", "of_float64")
-def test_a_residual_tested_before_scaling(swing):
-    """The residual of row D is rounding of M u/(βh²); after scaling it is small."""
-    corrections, found = swing
-    assert np.mean(corrections[:, 3] > 1e-9) > 0.9
-    assert np.all(corrections[:, 4] < 1e-12)
-    how = {"h": 1e-5, "residual_tolerance": 1e-9}
-    text = finding(newmark.advise(found, **how, residual_tested="before"), "residual, tested")
-    assert "before scaling: cannot be met" in text
-    assert "test D_L b instead" in text
-    text = finding(newmark.advise(found, **how), "residual, tested")
-    assert "after scaling: can be met" in text
-
-
-@pytest.mark.usefixtures("without_noise", "of_float64")
-@each("variant, word", [("left", "unknowns"), ("right", "equations")])
-def test_scaling_only_one_side(swing, variant, word):
-    """C stays at order −2: measured at two step sizes, and said so."""
-    _, found = swing
-    advice = newmark.advise(found, h=[1e-4, 1e-5], scaling=variant)
-    growth = advice.condition[1e-5][variant] / advice.condition[1e-4][variant]
-    assert growth == pytest.approx(100, rel=1e-3)
-    text = finding(advice, "both sides of Table 2")
-    assert f"scale the {word}, too. C still grows like h^-2" in text
-    if variant == "left":
-        tested = newmark.advise(found, h=1e-5, scaling="left", tolerance=1e-8)
-        assert "λ is not scaled under left" in finding(tested, "tolerance 1e-08")
+@pytest.mark.usefixtures("without_noise", "of_float64", "few_draws")
+def test_tolerances_and_scalings_are_judged():
+    """Where they are tested, and what one side leaves: C of order −2, at two step sizes."""
+    advise = partial(newmark.advise, newmark.problem("random-chain", links=5))
+    tested = {"h": 1e-5, "tolerance": 1e-8, "residual_tolerance": 1e-9}
+    advice = advise(**tested, tested="physical", residual_tested="before")
+    for word, said in (
+        ("tolerance 1e-08", ("cannot be met at h = 1e-05", "test beta*h^2 · λ instead")),
+        ("residual, tested", ("before scaling: cannot be met", "test D_L b instead")),
+    ):
+        for text in said:
+            assert text in finding(advice, word)
+    advice = advise(**tested)
+    assert "on the scaled correction of all unknowns: can be met" in finding(
+        advice, "tolerance 1e-08"
+    )
+    assert "after scaling: can be met" in finding(advice, "residual, tested")
+    for variant, word in (("left", "unknowns"), ("right", "equations")):
+        advice = advise(h=[1e-4, 1e-5], scaling=variant, tolerance=1e-8)
+        growth = advice.condition[1e-5][variant] / advice.condition[1e-4][variant]
+        assert growth == pytest.approx(100, rel=1e-2)
+        text = finding(advice, "both sides of Table 2")
+        assert f"scale the {word}, too. C still grows like h^-2" in text
+        assert ("λ is not scaled under left" in finding(advice, "tolerance 1e-08")) == (
+            variant == "left"
+        )
 
 
 @pytest.mark.usefixtures("without_noise")
@@ -450,7 +347,6 @@ def test_units_that_rule_the_conditioning_are_told_and_mended(double):
     told["X"], told["Y"] = told["X"] * 1e-6, told["Y"] * 1e-6
     advice = newmark.advise(told, h=1e-4)
     (found,) = advice.equilibrations
-    assert isinstance(found, Equilibration)
     assert found.optimal > 1e8
     assert found.with_fields < 100
     assert found.cause.startswith("units")
@@ -464,36 +360,16 @@ def test_units_that_rule_the_conditioning_are_told_and_mended(double):
     jacobian = told["X"] + 2e4 * told["Y"] + 4e8 * told["M"]
     full = np.block([[jacobian, -told["G"]], [told["G"].T, np.zeros((2, 2))]])
     assert np.linalg.cond(rows[:, None] * full * columns) == pytest.approx(found.with_all, rel=1e-6)
-
-
-def test_stiffness_is_told_from_units():
-    """A spring whose frequency the step does not resolve: that is no question of units."""
+    # A spring whose frequency the step does not resolve: that is no question of units.
     stiff = {"M": np.eye(3), "G": np.array([[1.0], [0.0], [1.0]]), "X": np.diag([0.0, 1e16, 1.0])}
-    advice = newmark.advise(stiff, h=1e-3)
-    (found,) = advice.equilibrations
+    (found,) = newmark.advise(stiff, h=1e-3).equilibrations
     assert found.cause.startswith("stiffness")
     assert found.with_all < 10
 
 
-def test_equilibrium_keeps_symmetry_and_rounds_nothing():
-    """Powers of two, the same for rows and columns of a symmetric matrix."""
-    random = np.random.default_rng(5)
-    sizes = np.exp2(random.integers(-40, 40, 7)).astype(float)
-    matrix = sizes[:, None] * (lambda a: a + a.T)(random.normal(size=(7, 7))) * sizes
-    rows, columns = equilibrium(matrix, [7])
-    assert np.array_equal(rows, columns)
-    assert np.all(np.frexp(rows)[0] == 0.5)
-    even = np.abs(rows[:, None] * matrix * columns)
-    assert np.all((even.max(axis=0) > 0.4) & (even.max(axis=0) < 2.5))
-    assert Inverted(matrix, [4, 3]).condition(rows, columns) == pytest.approx(
-        np.linalg.cond(rows[:, None] * matrix * columns), rel=1e-10
-    )
-
-
 @pytest.mark.usefixtures("without_noise", "of_float64")
 @each("name, sizes, h", [
-    ("andrews", {}, 1e-5), ("four-bar", {}, 1e-4), ("double-pendulum", {}, 1e-4),
-    ("shaken-pendulum", {}, 1e-4), ("random-chain", {"links": 8}, 1e-4),
+    ("andrews", {}, 1e-5), ("shaken-pendulum", {}, 1e-4), ("random-chain", {"links": 8}, 1e-4),
 ])  # fmt: skip
 def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, sizes, h):
     """At every step of a march, and at most steps, on the norm that the march tests."""
@@ -510,31 +386,6 @@ def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, 
     assert missed[1].not_converged > 0.8 * steps
 
 
-@pytest.mark.usefixtures("without_noise", "of_float64", "few_draws")
-def test_what_stays_at_rest_is_said_to():
-    """A pendulum that hangs, without a motor."""
-    hanging = {**own_mechanisms.driven_pendulum(), "torques": {}}
-    advice = newmark.advise(hanging, h=1e-4)
-    assert advice.where == "at the start"
-    assert "nothing moves it" in finding(advice, "at rest")
-    assert "16 states" in newmark.advise(own_mechanisms.driven_pendulum(), h=1e-4).where
-
-
-def test_studies_and_python_problems_are_subjects(cli, advise_cli):
-    """A shipped study has the step sizes; code of the user's needs --allow-code.
-
-    With it the car axis of docs/advice.md is advised on, in `test_docs`.
-    """
-    # There is less to say of an integrator that damps.
-    damped = ("--integrator", "generalized-alpha rho=0.9", "--json")
-    several = json.loads(advise_cli("pendulum-a", "--h", "1e-2", "--form", "a-lambda", *damped))
-    assert several["form"] == "a-lambda"
-    assert [*several["condition"]] == ["0.01"]
-    cli.write("mine.py", SWING)
-    assert "--allow-code" in cli.refused("advise", "mine.py:swing", "--h", "1e-3")
-    assert "did you mean 'pendulum'?" in cli.refused("advise", "pendulm", "--h", "1e-3")
-
-
 def schemes_of(form, integrator="newmark", scaling="optimal"):
     """What advice is about, but for the step size."""
     return partial(
@@ -543,14 +394,12 @@ def schemes_of(form, integrator="newmark", scaling="optimal"):
     )  # fmt: skip
 
 
-@each("integrator, factor", [
-    ("generalized-alpha rho=0.9", 156.0), ("generalized-alpha rho=0.5", 8 * 2**0.5),
-    ("hht alpha=0.1", 30.25), ("bdf1", 6**0.5),
-])  # fmt: skip
+@each("integrator, factor", [("generalized-alpha rho=0.5", 8 * 2**0.5), ("hht alpha=0.1", 30.25)])
 def test_noise_that_is_carried_on(integrator, factor):
     """Independent roundings of u add up to this multiple in λ; a march of them agrees."""
     found = carried(read("integrator", integrator))
     assert found == pytest.approx(factor, rel=1e-3)
+    assert carried(read("integrator", "trapezoidal")) == np.inf
     relations = read("integrator", integrator).relations(1.0)
     random, past, seen = np.random.default_rng(3), np.zeros(len(relations.u_past)), []
     for u in random.normal(size=8_000):
@@ -562,36 +411,6 @@ def test_noise_that_is_carried_on(integrator, factor):
         seen.append(true)
     alone = relations.acceleration[0] / relations.u_from_a
     assert np.std(seen[500:]) / alone == pytest.approx(factor, rel=0.1)
-
-
-@each("integrator", ["trapezoidal", "generalized-alpha rho=1.0"])
-def test_noise_adds_up_without_dissipation(integrator):
-    """The trapezoidal rule by any name."""
-    assert carried(read("integrator", integrator)) == np.inf
-
-
-@pytest.mark.usefixtures("few_draws")
-@each("mechanism, t_end, steps", [
-    (own_mechanisms.slider_crank(), None, 50_000),
-    (own_mechanisms.heavy_top(30, -1, 5), 0.1, 10_000),
-    (own_mechanisms.shaken_pendulum(), 0.5, 50_000),
-])  # fmt: skip
-def test_noise_of_ones_own_mechanisms(mechanism, t_end, steps):
-    """Within a factor of two: peaks of the motion count, and the rounding of long constraints."""
-    problem = newmark.problem(mechanism)
-    about = linearised.subject_of(problem, t_end)
-    integrator = "generalized-alpha rho=0.9"
-    t_end = t_end or about.states[-1].t0
-    predicted = advising._carried(about, schemes_of("u-lambda", integrator), t_end / steps)
-    swing = newmark.march(
-        problem, h=t_end / steps, steps=steps, every=steps // 200, integrator=integrator
-    )
-    of_state = Index1(problem)
-    implied = [of_state.accelerations(t, u, v)[1]
-               for t, u, v in zip(swing.t, swing.u, swing.v, strict=True)]  # fmt: skip
-    errors = (swing.multipliers - implied)[60:]
-    measured = np.sqrt(np.mean(np.sum(errors**2, axis=1)))
-    assert predicted / 2 < measured < 2 * predicted
 
 
 UNSCALED = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
@@ -613,9 +432,9 @@ def test_jacobians_that_cannot_be_used(given, blocks, h, said):
 @each(
     "scaling, form, mechanism",
     covering(
-        ("none", "left", "right", "optimal"),
-        [*FORMS, "u-a-lambda"],
-        [own_mechanisms.slider_crank, own_mechanisms.heavy_top, own_mechanisms.space_double],
+        ("none", "left", "optimal"),
+        [*FORMS[::2], "u-a-lambda"],
+        [own_mechanisms.slider_crank, own_mechanisms.heavy_top],
     ),
 )
 def test_an_inverse_is_not_taken_for_a_jacobian(scaling, form, mechanism):

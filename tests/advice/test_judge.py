@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from dataclasses import replace
 
 import faulty_code
 import numpy as np
@@ -46,8 +45,8 @@ CRANK, SPATIAL = "slider-crank", "spatial-slider-crank"
     "subject, fault",
     [
         *((THROWN, fault) for fault in ("", *FAULTS)),
-        *((CRANK, fault) for fault in ("", *FAULTS[::2])),
-        *((SPATIAL, fault) for fault in ("", *FAULTS[1::2])),
+        *((CRANK, fault) for fault in ("", *FAULTS[4:10:3])),
+        *((SPATIAL, fault) for fault in ("", *FAULTS[5:11:3])),
     ],
 )
 def test_a_fault_of_a_textbook_code_is_named_and_a_sound_one_has_none(subject, fault):
@@ -80,21 +79,9 @@ def test_mistakes_are_explained_by_numbers():
     assert drift.name == "drift"
 
 
-def test_signs_and_factors_of_all_constraints_are_those_of_most():
-    """Where some multipliers vanish at the end, or have large errors, in a mechanism in space."""
-    problem = newmark.problem("spatial-slider-crank")
-    sizes, t_end, *_ = RUNS["spatial-slider-crank"]
-    table = faulty_code.table(problem, sizes, t_end, "", True)
-    multipliers = [name for name in table if name.startswith("lambda")]
-    turned = table.assign(**{name: -table[name] for name in multipliers})
-    assert not judged(turned, problem).faults
-    impulse = table.assign(**{name: table["h"] * table[name] for name in multipliers})
-    assert {one.name for one in judged(impulse, problem).faults} == {"factor of λ"}
-
-
 @each(
     "integrator, alternates",
-    [("trapezoidal", True), ("bdf2", False), ("hht alpha=0.1", False)],
+    [("trapezoidal", True), ("hht alpha=0.1", False)],
 )
 def test_a_multiplier_alternates_under_an_undamped_integrator_only(integrator, alternates):
     table = swings((0.02, 0.01, 0.005), integrator, rows=slice(-3, None))
@@ -106,12 +93,12 @@ def test_a_multiplier_alternates_under_an_undamped_integrator_only(integrator, a
 
 
 def test_orders_are_those_of_the_theory_and_verdicts_those_of_check(cli):
-    methods, steps = ("bdf2", "bdf1", "hht alpha=0.1", "trapezoidal"), (1e-3, 5e-4, 2e-4, 1e-4)
+    methods, steps = ("bdf1", "trapezoidal"), (1e-3, 5e-4, 2e-4, 1e-4)
     cli.write(
         "own.yaml",
         "study: own\nproblem: double-pendulum\nform: u-lambda\n"
         "preconditioning: optimal\nmeasure: error\nt_end: 0.05\nh: [1e-3, 5e-4, 2e-4, 1e-4]\n"
-        "integrator: [{method: bdf2}, {method: bdf1}, {method: hht, alpha: 0.1}, trapezoidal]\n",
+        "integrator: [{method: bdf1}, trapezoidal]\n",
     )
     cli("run", "own.yaml")
     theirs = newmark.slopes(pd.read_csv(cli.folder / "results/own.csv"))
@@ -131,20 +118,6 @@ def test_orders_are_those_of_the_theory_and_verdicts_those_of_check(cli):
         one = ours[row.integrator, row.quantity]
         assert one.verdict == row.verdict, row
         assert one.fit.slope == pytest.approx(row.slope, abs=1e-6, nan_ok=True)
-
-
-def test_step_sizes_that_do_not_divide_the_time_are_judged_together():
-    """Each run is held against the solution at its own end."""
-    found = judged(swings((0.03, 0.012, 0.007, 0.003)), THROWN)
-    assert {round(float(each.run.t[-1]), 3) for each in found.measured} == {
-        0.48,
-        0.492,
-        0.497,
-        0.498,
-    }
-    (u,) = (one for one in found.slopes if one.quantity == "u")
-    assert u.verdict == "pass"
-    assert u.fit.slope == pytest.approx(2, abs=0.1)
 
 
 def test_units_names_signs_and_order_are_found_out():
@@ -169,29 +142,6 @@ def test_units_names_signs_and_order_are_found_out():
     )  # fmt: skip
     assert {one.quantity for one in mapped.slopes} == {"u", "v", "lambda", "position",
                                                       "velocity", "multiplier"}  # fmt: skip
-    crank = newmark.problem("slider-crank")
-    mixed = []
-    for h in (2e-3, 1e-3, 5e-4):
-        frame = newmark.march(crank, h=h, t_end=0.1, integrator="bdf2").to_frame().assign(h=h)
-        multipliers = [name for name in frame if name.startswith("lambda")]
-        kept = frame[[name for name in frame if name[:2] in ("h", "t", "u[", "v[")]].copy()
-        for number, place in enumerate((2, 0, 1), start=1):
-            kept[f"lam{number}"] = frame[multipliers[place]]
-        mixed.append(kept)
-    found = judged(pd.concat(mixed), crank, integrator="bdf2")
-    assert not found.fails()
-    assert "in the order sliders.guide, bodies.crank, bodies.rod" in " ".join(found.notes)
-
-
-def test_a_template_is_where_a_code_begins(cli):
-    header, start = cli("judge", "--template", "slider-crank").stdout.splitlines()
-    crank = newmark.problem("slider-crank")
-    row = dict(zip(header.split(","), map(float, start.split(",")), strict=True))
-    assert [row[f"u[{name}]"] for name in crank.coordinate_names] == crank.u0.tolist()
-    _, *columns = newmark.march("slider-crank", h=1e-3, t_end=1e-3).to_frame().columns
-    assert set(row) - {"h", "t"} == {name for name in columns if name[:2] in ("u[", "v[", "la")}
-    first = newmark.march("slider-crank", h=1e-6, t_end=2e-6, integrator="bdf2")
-    assert row["lambda[bodies.rod]"] == pytest.approx(first.constraint("bodies.rod")[0], rel=1e-9)
 
 
 def test_the_command_judges_draws_and_holds_against_expectations(cli):
@@ -250,18 +200,6 @@ def test_bad_tables_are_refused_in_a_line(cli):
         assert line.endswith(": cannot be read: No such file or directory")
 
 
-def test_times_count_from_the_start_of_the_problem():
-    """A start before t = 0, off the grid of multiples of h; rows of a frame have no lines."""
-    subject = replace(newmark.problem(THROWN), t0=-0.25)
-    table = pd.concat([
-        newmark.march(subject, h=h, t_end=0.25, integrator="generalized-alpha rho=0.8")
-        .to_frame().assign(h=h) for h in (0.02, 0.01, 0.005)
-    ])  # fmt: skip
-    assert judged(table, subject, integrator="generalized-alpha rho=0.8").faults == ()
-    with pytest.raises(newmark.NewmarkError, match=r"row 1: t must be a time, at least -0\.25"):
-        newmark.judge(table.assign(t=table["t"] - 1), subject)
-
-
 def test_poor_tables_still_tell_something():
     table = swings()
     gaps = table.copy()
@@ -280,21 +218,14 @@ def test_poor_tables_still_tell_something():
     assert {each.verdict for each in judged(adaptive, THROWN).slopes} == {"shown"}
 
 
-def test_few_digits_are_said_and_a_long_table_is_read(tmp_path):
-    path = tmp_path / "long.csv"
-    swings((2e-2, 1e-2, 5e-3, 1e-5)).to_csv(path, index=False, float_format="%.7g")
-    found = judged(path, THROWN)
-    assert [one.name for one in found.faults] == ["few digits"]
-
-
 def test_rounding_that_piles_up_in_u_is_no_other_mechanism():
     """In (u, λ) rounding shifts u by more at smaller h, alike in twins; no other motion does."""
     ends = [
-        newmark.march("pendulum", h=h, t_end=1.0, every=0, integrator="newmark").to_frame()
+        newmark.march("pendulum", h=h, t_end=0.2, every=0, integrator="newmark").to_frame()
         for h in (1e-5, 5e-6, 2.5e-6, 2e-6)
     ]
     table = pd.concat([end.assign(h=end["t"].iloc[-1] / n) for end, n in zip(
-        ends, (100_000, 200_000, 400_000, 500_000), strict=True)])  # fmt: skip
+        ends, (20_000, 40_000, 80_000, 100_000), strict=True)])  # fmt: skip
     assert judged(table, "pendulum", integrator="newmark").faults == ()
 
 
@@ -310,21 +241,9 @@ def test_a_corrected_start_is_off_the_rates_on_purpose():
     assert fault.name == "start off its constraints"
 
 
-FAR = """points:
-  P: {at: [300, 400], velocity: [0, 1], mass: 1}
-  Q: {at: [300.6, 400.8], velocity: [-1.6, 2.2], mass: 2}
-bars: {b: {from: P, to: Q, length: 1}}
-"""
-
-
-@each("name", ["double-pendulum", "far.yaml"])
-def test_rounding_of_a_projected_code_is_no_miss(name, tmp_path, monkeypatch):
-    """Its last places differ from ours, which meets what it projects to the bit.
-
-    Far from the origin they are many times as much of what a mechanism's points are apart.
-    """
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "far.yaml").write_text(FAR)
+def test_rounding_of_a_projected_code_is_no_miss():
+    """Its last places differ from ours, which meets what it projects to the bit."""
+    name = "double-pendulum"
     how = {"integrator": "generalized-alpha rho=0.9", "projection": "velocity"}
     problem = newmark.problem(name)
     parts = {"u": problem.coordinate_names, "v": problem.coordinate_names}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from each import each
 
-from newmark_cli.mechanisms import elements, loading
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.problems.index_1 import Index1
@@ -15,22 +15,12 @@ def member(family, size):
     return Sized(family, tuple((name, size) for name in FAMILIES[family].parameters))
 
 
-#: Nets grow by both of their sizes.
-MEMBERS = [
-    member(family, size)
-    for family in FAMILIES
-    for size in (1, 2, 4 if family == "spatial-grid" else 9)
-]
-
-
-def weight(subject):
-    """The constant force of gravity."""
-    return subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(subject.m)).force
-
-
-@each("spec", MEMBERS)
+@each("spec", [member(family, size) for family in FAMILIES for size in (1, 4)])
 def test_a_member_is_the_mechanism_that_its_data_say(spec):
-    """What is built without a look at each part is what a file of the same data is read as."""
+    """What is built without a look at each part is what a file of the same data is read as.
+
+    Nets grow by both of their sizes.
+    """
     found, data = spec.load(), FAMILIES[spec.family].mechanism(**dict(spec.sizes))
     expected = loading.built(spec.label, Document(spec.label, data, {}))
     assert found.content == expected.content
@@ -40,7 +30,7 @@ def test_a_member_is_the_mechanism_that_its_data_say(spec):
     assert found.drawing == expected.drawing
 
 
-@each("links", [1, 5, 400])
+@each("links", [1, 400])
 def test_chain_starts_across_its_line(links):
     """Released from a straight line the masses fall across it, hung by their weights along it.
 
@@ -69,7 +59,7 @@ def test_random_chain_is_well_conditioned_at_any_length():
     np.testing.assert_array_equal(short.M, long.M[:60, :60])
 
 
-@each("windows", [1, 6, 200])
+@each("windows", [1, 200])
 def test_four_bars_move_as_one_rod(windows):
     """All rods stay parallel: θ'' of the one degree of freedom, whatever the number of windows."""
     subject = member("four-bars", windows).load()
@@ -79,28 +69,13 @@ def test_four_bars_move_as_one_rod(windows):
     couplers, rods = windows, windows + 1
     kinetic = subject.v0 @ subject.M @ subject.v0 / 2
     assert kinetic == pytest.approx((rods / 3 + couplers) / 2, rel=1e-12)
-    assert weight(subject).sum() == pytest.approx(-9.81 * (rods / 2 + couplers), rel=1e-12)
+    weight = subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(subject.m)).force
+    assert weight.sum() == pytest.approx(-9.81 * (rods / 2 + couplers), rel=1e-12)
 
 
-def test_a_net_of_one_column_is_a_chain():
-    """The same tables, but for the direction in which the first bar turns."""
-    net = Sized("spatial-grid", (("rows", 5), ("columns", 1))).load()
-    chain = member("spatial-chain", 6).load()
-    rigid = 0
-    for _ in range(5 * 6):
-        rigid += int(net.ints[0, rigid + elements.SIZE])
-    np.testing.assert_array_equal(net.ints[0, :rigid], chain.ints[0, :rigid])
-    np.testing.assert_array_equal(net.M, chain.M[:60, :60])
-    np.testing.assert_allclose(np.diff(net.u0[2::12]), np.diff(chain.u0[2:60:12]), atol=1e-15)
-    sizes = Sized("spatial-grid", (("rows", 700), ("columns", 40))).traits()
-    bars, joints = 700 * 40 + 700 * 39, 700 * 40 + 2 * 700 * 39
-    assert (sizes.n, sizes.m) == (12 * bars, 6 * bars + 3 * joints)
-
-
-@each("rows", [1, 4])
-def test_forces_in_a_net(rows):
+def test_forces_in_a_net():
     """What the ground gives and the weight together move the mass centre of all bars."""
-    net = Sized("spatial-grid", (("rows", rows), ("columns", 5))).load()
+    net = Sized("spatial-grid", (("rows", 4), ("columns", 5))).load()
     a, multipliers = Index1(net).accelerations(0.0, net.u0, net.v0)
     values = net.outputs.values(net, 0.0, net.u0, net.v0, multipliers)
     found = dict(zip(net.outputs.names, values, strict=True))

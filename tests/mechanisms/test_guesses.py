@@ -1,15 +1,12 @@
 """A position that assembling moves too far is warned of; a rough guess is not."""
 
-import contextlib
 import math
-import re
 
 import pytest
 from each import each
-from pages import ROOT, blocks, pages
+from pages import ROOT
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.support import documents
 
 HOIST = (ROOT / "docs/examples/hoist.yaml").read_text()
@@ -19,9 +16,9 @@ LINE = HOIST.splitlines().index("  S: {at: [1.3, 0.65], mass: 2}") + 1
 STUDY = """\
 study: mine
 problem: hoist.yaml
-form: [u-lambda, v-lambda]
+form: u-lambda
 preconditioning: [none, optimal]
-h: [1e-2, 5e-3]
+h: 1e-2
 steps: 2
 """
 
@@ -55,27 +52,6 @@ def test_a_rough_guess_is_not_doubted(mechanism):
     assert newmark.problem(mechanism).doubts == ()
 
 
-@pytest.mark.filterwarnings("error::newmark_cli.NewmarkWarning")
-def test_nothing_that_is_shipped_or_documented_is_doubted():
-    """Shipped mechanisms, the examples, and every mechanism that a page shows as a file."""
-    for name in PROBLEMS:
-        newmark.problem(name)
-    shown = [block.text for page in pages().values() for block in blocks(page) if block.title]
-    shown += [path.read_text() for path in (ROOT / "docs/examples").glob("*.yaml")]
-    found = [
-        documents.parse(text, "shown").data
-        for text in shown
-        if re.search("^(points|bodies):", text, re.M)
-    ]
-    valid = 0
-    for mechanism in found:
-        mechanism.pop("python_forces", None)
-        with contextlib.suppress(newmark.DocumentError):  # some pages show mistakes
-            newmark.problem(mechanism)
-            valid += 1
-    assert valid > 5
-
-
 #: Around its fixed points and guess the hoist is as large as this (m).
 SIZE = f"{math.hypot(2.2, 1.6):.3g}"
 
@@ -100,39 +76,23 @@ def test_what_moves_too_far_is_named(mechanism, named, away, size):
     assert caught[0].filename == __file__
 
 
-def test_commands_warn_once_and_go_on(cli):
-    """A line on stderr for the run, not for each cell; what is printed, and 0, stay as they are."""
+def test_commands_and_the_library_warn_once_and_go_on(cli):
+    """A line on stderr for a run, not for each cell; in Python a warning at the caller's line."""
     cli.write("hoist.yaml", HOIST.replace("length: 1.05", "length: 10.5"))
     cli.write("mine.yaml", STUDY)
-    doubt = (
-        f"newmark-study: warning: hoist.yaml, line {LINE}: points.S.at: [1.3, 0.65] is 9.61 m from "
-        f"where assembling puts S, more than twice the size of the mechanism, {SIZE} m\n"
-    )
-    for arguments in (
-        ("validate", "hoist.yaml", "mine.yaml"),
-        ("run", "mine.yaml", "--jobs", "2"),
-        ("run", "mine.yaml", "--quiet"),
-        ("run", "mine.yaml", "--dry-run"),
-    ):
-        assert cli(*arguments).stderr == doubt
-    cli.write("hoist.yaml", HOIST)
-    assert cli("run", "mine.yaml").stderr == ""
-    assert cli("validate", "hoist.yaml").stderr == ""
-
-
-def test_the_library_warns_where_it_is_called(tmp_path):
-    """`problem`, `march` and `run`, of files and dicts, each once and at the line of the caller."""
-    (tmp_path / "hoist.yaml").write_text(HOIST.replace("length: 1.05", "length: 10.5"))
-    (tmp_path / "mine.yaml").write_text(STUDY.replace("h: [1e-2, 5e-3]", "h: 1e-2"))
-    far, guessed = pendulum((0, 40)), "mechanism: points.P.at"
     file = f"hoist.yaml, line {LINE}: points.S.at"
-    for call, doubt in (
-        (lambda: newmark.march(far, h=1e-3, steps=1), guessed),
-        (lambda: newmark.steps(far, h=1e-3), guessed),
-        (lambda: newmark.advise(far, h=1e-3), guessed),
-        (lambda: newmark.problem(tmp_path / "hoist.yaml"), file),
-        (lambda: newmark.run(tmp_path / "mine.yaml"), file),
+    doubt = (
+        f"newmark-study: warning: {file}: [1.3, 0.65] is 9.61 m from where assembling puts S, more "
+        f"than twice the size of the mechanism, {SIZE} m\n"
+    )
+    for arguments in (("validate", "hoist.yaml", "mine.yaml"), ("run", "mine.yaml", "--jobs", "2")):
+        assert cli(*arguments).stderr == doubt
+    for call in (
+        lambda: newmark.march(cli.folder / "hoist.yaml", h=1e-3, steps=1),
+        lambda: newmark.run(cli.folder / "mine.yaml"),
     ):
-        with pytest.warns(newmark.NewmarkWarning, match=doubt) as caught:
+        with pytest.warns(newmark.NewmarkWarning, match=file) as caught:
             call()
         assert [warning.filename for warning in caught] == [__file__]
+    cli.write("hoist.yaml", HOIST)
+    assert cli("validate", "hoist.yaml", "mine.yaml").stderr == ""

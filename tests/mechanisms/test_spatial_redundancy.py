@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.sparse
+import yaml
 from each import each
 from mechanisms import built
 from spatial import RATIO, START, bennett
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms import start
-from newmark_cli.problems import redundancy, singular
+from newmark_cli.problems import singular
 from newmark_cli.support.documents import DocumentError
 
 DAMPED = "generalized-alpha rho=0.9"
@@ -39,20 +40,6 @@ def four_bars(count, lean=0.2, redundant="drop"):
     return "\n".join([*lines, "gravity: [0, 0, -9.81]", f"redundant: {redundant}", ""])
 
 
-def test_null_space_of_a_sparse_matrix():
-    """That of the singular value decomposition, whatever its size."""
-    random = np.random.default_rng(3)
-    dense = random.normal(size=(60, 40)) * (random.random((60, 40)) < 0.2)
-    dense[:, 28:40] = dense[:, :28] @ random.normal(size=(28, 12))
-    dense /= np.linalg.norm(dense, axis=0)
-    found = redundancy.null_space(scipy.sparse.csc_array(dense), 1e-10)
-    _, values, vectors = np.linalg.svd(dense)
-    assert values[27] > 1e-3
-    assert values[28] < 1e-12
-    np.testing.assert_allclose(found.T @ found, np.eye(12), atol=1e-12)
-    np.testing.assert_allclose(found @ found.T, vectors[28:].T @ vectors[28:], atol=1e-9)
-
-
 @each("text", [four_bars(3), BRICARD.replace("{P5: [q]}", "drop")])
 def test_large_mechanisms_drop_the_same_rows(text, monkeypatch):
     """The rule does not depend on how null vectors are found."""
@@ -69,16 +56,6 @@ def test_large_mechanisms_drop_the_same_rows(text, monkeypatch):
     assert str(caught.value).endswith(f"releases {', '.join(dense.released)}")
 
 
-def test_large_mechanism_that_is_singular_at_the_start(monkeypatch):
-    """A folded linkage loses rank there only: nothing of it is redundant."""
-    flat = four_bars(1, redundant="drop").replace("at: [0, 0, -1]", "at: [0.5, 0, 0]")
-    flat = flat.replace("at: [1, 0, -1.2]", "at: [2, 0, 0]")
-    for size in (600, 10):
-        monkeypatch.setattr(start, "DENSE_UP_TO", size)
-        with pytest.raises(DocumentError, match="the start is a singular position, such"):
-            built(flat)
-
-
 def door(off=1e-9, lean=0.0, redundant="{high: [x, y, z, p, q]}", more=""):
     """A door whose second hinge is a little out of line."""
     return (
@@ -91,42 +68,28 @@ def door(off=1e-9, lean=0.0, redundant="{high: [x, y, z, p, q]}", more=""):
     )
 
 
-#: Of the door (m), and how long it falls (s).
-WIDTH, THICKNESS, FALLS = 0.8, 0.04, 0.5
+#: How long the door falls (s).
+FALLS = 0.5
 
 
-def angle_of_the_door():
-    """Of the compound pendulum J φ'' = −m g (w/2) cos φ, J = m (w²/3 + d²/12)."""
-    factor = 9.81 * WIDTH / 2 / (WIDTH**2 / 3 + THICKNESS**2 / 12)
-    found = scipy.integrate.solve_ivp(
-        lambda _, y: [y[1], -factor * np.cos(y[0])], (0, FALLS), [0, 0], rtol=1e-12, atol=1e-13
-    )
-    return found.y[0, -1]
-
-
-@each("off, lean", [(0.0, 0.0), (1e-9, 0.0), (1e-6, 0.0), (0.0, 1e-7)])
+@each("off, lean", [(1e-6, 0.0), (0.0, 1e-7)])
 def test_rows_released_by_name_may_be_a_little_off(off, lean):
     """A second hinge out of line leaves the freedom to open, and the motion of the first."""
     subject = built(door(off, lean))
     assert (subject.n, subject.m) == (12, 11)
     assert subject.released == ("high.x", "high.y", "high.z", "high.p", "high.q")
-    done = newmark.march(subject, h=2e-4, t_end=FALLS, every=0, integrator=DAMPED)
+    done = newmark.march(subject, h=1e-3, t_end=FALLS, every=0, integrator=DAMPED)
     assert done.status == "ok"
-    assert done.output("low.angle")[-1] == pytest.approx(angle_of_the_door(), abs=1e-6)
-
-
-def test_joints_found_again_near_a_guess_may_be_a_little_off():
-    """Rows that a file names are no part of what is assembled."""
-    text = door(1e-6, more="assemble: true\n").replace(
-        "at: [1e-06, 0, 1.8]", "at: {ground: [1e-6, 0, 1.8], door: [-0.4, 0, 0.8]}"
+    # J φ'' = −m g (w/2) cos φ, J = m (w²/3 + d²/12), of width 0.8 and thickness 0.04.
+    factor = 9.81 * 0.8 / 2 / (0.8**2 / 3 + 0.04**2 / 12)
+    fallen = scipy.integrate.solve_ivp(
+        lambda _, y: [y[1], -factor * np.cos(y[0])], (0, FALLS), [0, 0], rtol=1e-12, atol=1e-13
     )
-    assert (subject := built(text)).m == 11
-    assert 1e-7 < subject.gaps(0.0, subject.u0)[0] < 1e-5
+    assert done.output("low.angle")[-1] == pytest.approx(fallen.y[0, -1], abs=2.5e-5)
 
 
-@each("redundant", ["refuse", "drop"])
-@each("off, lean", [(1e-9, 0.0), (1e-5, 0.0), (0.0, 1e-7)])
-def test_rows_that_nearly_depend_on_each_other_are_named_with_the_way_out(off, lean, redundant):
+@each("redundant, off, lean", [("refuse", 1e-9, 0.0), ("drop", 1e-5, 0.0), ("drop", 0.0, 1e-7)])
+def test_rows_that_nearly_depend_on_each_other_are_named_with_the_way_out(redundant, off, lean):
     """Not "nothing can move", and a march of what is left would be one of rounding."""
     with pytest.raises(DocumentError) as caught:
         built(door(off, lean, redundant))
@@ -156,9 +119,7 @@ def missed_by(done):
     return np.abs(np.angle(np.exp(1j * (right - phi)))).max()
 
 
-@each(
-    "formulation, most", [("index-3", 1e-12), ("ggl", 1e-12), ("index-2", 3e-6), ("index-1", 2e-5)]
-)
+@each("formulation, most", [("index-3", 1e-12), ("index-2", 3e-6)])
 def test_rows_that_are_dropped_are_redundant_all_along_the_motion(formulation, most):
     """On a whole turn of Bennett's loop, where three positions of one joint are needed twice."""
     subject = newmark.problem(bennett("drop"))
@@ -174,11 +135,10 @@ def test_rows_that_are_dropped_are_redundant_all_along_the_motion(formulation, m
     assert min(least) > 0.5 * least[0]
 
 
-@each("h", [5e-3, 1e-3])
-def test_a_march_ends_where_a_released_row_opens(h):
+def test_a_march_ends_where_a_released_row_opens(cli):
     """Without the positions of one joint Bennett's loop has two more motions at t = 1.82."""
     subject = newmark.problem(bennett({"J4": ["x", "y", "z"]}))
-    options = {"h": h, "t_end": 4.0, "integrator": DAMPED}
+    options = {"h": 5e-3, "t_end": 2.0, "integrator": DAMPED}
     done = newmark.march(subject, **options, formulation="index-2")
     assert (done.status, done.success) == ("redundant", False)
     assert "released rows (J4.x, J4.y, J4.z) are needed at t = 1.8" in done.message
@@ -189,6 +149,18 @@ def test_a_march_ends_where_a_released_row_opens(h):
     whole = newmark.march(subject, **options)
     assert whole.status == "ok"
     assert missed_by(whole) < 1e-9
+    # A cell of a study says it, too; one that drops other rows does not end.
+    for name, released in (("mine", {"J4": ["x", "y", "z"]}), ("other", "drop")):
+        cli.write(f"{name}.yaml", yaml.safe_dump(bennett(released)))
+    cli.write(
+        "study.yaml",
+        "study: mine\nproblem: [mine.yaml, other.yaml]\nform: u-lambda\nformulation: index-2\n"
+        "preconditioning: optimal\nintegrator: {method: generalized-alpha, rho: 0.9}\nh: 5e-3\n"
+        "t_end: 2\n",
+    )
+    done = cli("run", "study.yaml", code=1)
+    assert done.stdout.startswith("mine: 1 redundant, 1 ok -> ")
+    assert "released rows (J4.x, J4.y, J4.z) are needed at t = 1.8" in done.stderr
 
 
 def test_axes_of_six_digits_are_made_perpendicular():

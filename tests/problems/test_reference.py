@@ -1,13 +1,10 @@
 """References: against exact and published motions, their own estimates, and their storage."""
 
 import json
-import os
-from functools import partial
 
 import numpy as np
 import oracles
 import pytest
-from conftest import SWING as CODE
 from damaging import damaged
 from each import each
 from mechanisms import built
@@ -16,16 +13,15 @@ from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.mechanisms.spec import PythonFactory, Shipped
+from newmark_cli.mechanisms.spec import Shipped
 from newmark_cli.problems import algebra, multipliers, python_problem, reference
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.running import references
 from newmark_cli.running.references import References
-from newmark_cli.support import apart
 
 PARTS = ("u", "v", "multipliers")
-TIMES = [1e-3, 0.5, 3.0, 3.7, 20.0]
+TIMES = [1e-3, 3.7, 20.0]
 
 
 def true_errors(found, exact):
@@ -60,12 +56,11 @@ def test_known_pendulum_is_exact(t):
     assert np.all(estimated < 1e-12)
 
 
-@each("t", TIMES)
-def test_converged_pendulum_is_as_good_as_it_says(t):
+def test_converged_pendulum_is_as_good_as_it_says():
     """True errors stay below the estimates, which are not far above them."""
-    found = solution(problem("pendulum"), t)
-    assert (found.t, found.source) == (t, "converged")
-    true, estimated = true_errors(found, pendulum(t))
+    found = solution(problem("pendulum"), 3.7)
+    assert (found.t, found.source) == (3.7, "converged")
+    true, estimated = true_errors(found, pendulum(3.7))
     assert np.all(true <= estimated)
     assert np.all(estimated <= 500 * true + 3e-12)
     assert true[0] < 1e-13
@@ -87,13 +82,6 @@ ANDREWS = (
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def andrews():
-    """Andrews' mechanism at t = 0.03, converged."""
-    return solution(problem("andrews"), 0.03)
-
-
-@pytest.fixture(scope="module")
 def published():
     """Points and velocities of the published table, and λ by a system of its own."""
     reference = oracles.andrews()
@@ -115,50 +103,22 @@ def published():
     return [np.array(part, float) for part in (u, v, multipliers)]
 
 
-def test_converged_andrews_is_as_good_as_it_says(andrews):
-    """1e-12 or so, against more digits; what the estimates claim."""
-    true, estimated = true_errors(andrews, [np.array(part) for part in ANDREWS])
+def test_andrews():
+    """Converged: 1e-12 or so, against more digits; the published table is good for 1e-9 or so."""
+    converged, known = solution(problem("andrews"), 0.03), KNOWN["andrews"](0.03)
+    exact, table = [np.array(part) for part in ANDREWS], published()
+    true, estimated = true_errors(converged, exact)
     assert np.all(true <= estimated)
     assert np.all(true <= [1e-12, 5e-12, 5e-13])
     assert np.all(estimated <= [1.5e-11, 9e-11, 9e-12])
-
-
-def test_andrews_against_the_published_table(andrews, published):
-    """Within what the table is good for: 8e-12 m, 1.1e-8 m/s, 2.6e-10 in λ."""
-    true, _ = true_errors(andrews, published)
-    assert np.all(true <= [2.4e-10, 1.5e-9, 2.7e-10])
-
-
-def test_known_andrews_is_the_published_table(published):
-    """Points, velocities and multipliers that follow from angles and rates; one time only."""
-    found = KNOWN["andrews"](0.03)
-    assert found.source == "published"
-    true, estimated = true_errors(found, published)
-    assert np.all(true <= [1e-14, 1e-14, 1e-12])
-    true, estimated = true_errors(found, [np.array(part) for part in ANDREWS])
+    # 8e-12 m, 1.1e-8 m/s, 2.6e-10 in λ.
+    assert np.all(true_errors(converged, table)[0] <= [2.4e-10, 1.5e-9, 2.7e-10])
+    assert known.source == "published"
+    assert np.all(true_errors(known, table)[0] <= [1e-14, 1e-14, 1e-12])
+    true, estimated = true_errors(known, exact)
     assert np.all(true <= estimated)
     assert np.all(estimated <= 1.3 * true)
     assert KNOWN["andrews"](0.02) is None
-
-
-def test_driven_crank_is_where_its_law_says():
-    """A prescribed angle leaves nothing free: u, v and both multipliers are known."""
-    subject = built(
-        "points: {O: {fixed: [0, 0]}, P: {at: [2, 0], mass: 3, velocity: [0, 8]}}\n"
-        "bars: {arm: {from: O, to: P, length: 2}}\n"
-        "motions: {drive: {point: P, y: {amplitude: 8, frequency: 1}}}\n"
-    )
-    found = solution(subject, 0.2)
-    sine, cosine = np.sin(0.2), np.cos(0.2)
-    y, vy, ay = 8 * sine, 8 * cosine, -8 * sine
-    x = np.sqrt(4 - y * y)
-    vx = -y * vy / x
-    ax = -(vy**2 + y * ay + vx**2) / x
-    arm = 3 * ax / x
-    exact = [np.array(part) for part in ([x, y], [vx, vy], [arm, 3 * ay - arm * y])]
-    true, estimated = true_errors(found, exact)
-    assert np.all(true <= estimated)
-    assert np.all(estimated < 1e-10)
 
 
 def bead(t):
@@ -181,78 +141,17 @@ def bead(t):
     )
 
 
-def prescribed(t):
-    """Both coordinates are: nothing is integrated, and all solutions agree."""
-    weight = 9.81
-    definition = {
-        "mass_matrix": np.eye(2),
-        "u0": [0.0, 0.2],
-        "v0": [1.5, 0.0],
-        "force": lambda u, v, t: np.array([0.0, -weight]),
-        "constraints": lambda u, t: np.array(
-            [u[0] - 0.3 * np.sin(5 * t), u[1] - u[0] ** 2 - 0.2 * np.cos(2 * t)]
-        ),
-        "gradient": lambda u, t: np.array([[1.0, -2 * u[0]], [0.0, 1.0]]),
-    }
-    x, vx, ax = (
-        mpf(0.3) * part for part in (mp.sin(5 * t), 5 * mp.cos(5 * t), -25 * mp.sin(5 * t))
-    )
-    y, vy = x * x + mpf(0.2) * mp.cos(2 * t), 2 * x * vx - mpf(0.4) * mp.sin(2 * t)
-    lift = 2 * vx * vx + 2 * x * ax - mpf(0.8) * mp.cos(2 * t) + mpf(weight)
-    return definition, ([x, y], [vx, vy], [ax + 2 * x * lift, lift])
-
-
-def pushed(mass, t):
-    """A pendulum on a point of this mass with acceleration 3: it feels a tilted gravity."""
-    push = 3.0
-
-    def rod(u):
-        return u[2:] - u[:2]
-
-    pull = mp.sqrt(1 + push**2)
-    definition = {
-        "mass_matrix": np.diag([mass, mass, 1.0, 1.0]),
-        "u0": [0.0, 0.0, float(1 / pull), float(-push / pull)],
-        "v0": np.zeros(4),
-        "force": lambda u, v, t: np.array([0.0, -mass, 0.0, -1.0]),
-        "constraints": lambda u, t: np.array(
-            [u[0] - push * t * t / 2, u[1], (rod(u) @ rod(u) - 1) / 2]
-        ),
-        "gradient": lambda u, t: np.array(
-            [[1, 0, -rod(u)[0]], [0, 1, -rod(u)[1]], [0, 0, rod(u)[0]], [0, 0, rod(u)[1]]]
-        ),
-    }
-    sn, cn, dn = (ellipfun(kind, t * mp.sqrt(pull), m=mpf("0.5")) for kind in ("sn", "cn", "dn"))
-    rate = -sn / dn
-    out, up = cn / dn**2, -(rate**2) / 2
-    level, upright = (1 / pull, -push / pull), (push / pull, 1 / pull)
-    place = [out * a + up * b for a, b in zip(level, upright, strict=True)]
-    speed = [mp.sqrt(pull) * rate * (out * b - up * a) for a, b in zip(level, upright, strict=True)]
-    tension = 3 * up * pull
-    x, vx = push * t * t / 2, push * t
-    return definition, (
-        [x, 0, place[0] + x, place[1]],
-        [vx, 0, speed[0] + vx, speed[1]],
-        [mass * push + tension * place[0], mass + tension * place[1], tension],
-    )
-
-
-@each("motion, most", [
-    (bead, 3e-11),
-    (prescribed, 1e-11),
-    *((partial(pushed, mass), 2e-12) for mass in (1e-3, 1.0, 1e3)),
-])  # fmt: skip
-def test_references_by_differences_are_as_good_as_they_say(motion, most):
+def test_references_by_differences_are_as_good_as_they_say():
     """Φ_t and Φ'' are found by differences, whose errors are alike in all solutions."""
     t = 0.37
     with mp.workdps(30):
-        definition, exact = motion(mpf(t))
+        definition, exact = bead(mpf(t))
     subject = python_problem.from_definition(python_problem.Definition(**definition), "moved")
     assert subject.rows_given == "differences"
     found = solution(subject, t)
     true, estimated = true_errors(found, [np.array(part, float) for part in exact])
     assert np.all(true <= estimated)
-    assert np.all(estimated <= most)
+    assert np.all(estimated <= 3e-11)
 
 
 def test_a_fast_motor_has_its_rounding_stated():
@@ -274,23 +173,14 @@ def test_a_fast_motor_has_its_rounding_stated():
 def test_index_1_system_by_both_factorisations(monkeypatch):
     """Dense and sparse factors: the same accelerations, multipliers and projections."""
     subject = FAMILIES["chain"].problem("chain", {"links": 30})
-    random = np.random.default_rng(1)
-    u = subject.u0 + 1e-6 * random.normal(size=subject.n)
-    v = random.normal(size=subject.n)
-    found = []
+    random, found = np.random.default_rng(1), []
+    u, v = subject.u0 + 1e-6 * random.normal(size=subject.n), random.normal(size=subject.n)
     for limit in (10_000, 0):
         monkeypatch.setattr(algebra, "DENSE_UP_TO", limit)
         system = Index1(subject)
         found.append((*system.accelerations(0.0, u, v), *system.projected(0.0, u, v)))
     for dense, sparse in zip(*found, strict=True):
         np.testing.assert_allclose(dense, sparse, rtol=0, atol=1e-12 * np.abs(dense).max())
-    place, speed = found[0][2:]
-    np.testing.assert_allclose(subject.constraint_values(0.0, place), 0, atol=1e-10)
-    gradient = subject.evaluate(0.0, place, speed, np.zeros(subject.m)).G
-    np.testing.assert_allclose(gradient.T @ speed, 0, atol=1e-12)
-    # The nearest in the norm of M: what was added does no work on what is allowed.
-    normal = np.linalg.lstsq(gradient, subject.M @ (v - speed), rcond=None)[0]
-    np.testing.assert_allclose(gradient @ normal, subject.M @ (v - speed), atol=1e-11)
 
 
 @each("limit, value, words", [
@@ -302,16 +192,6 @@ def test_motions_without_a_reference(monkeypatch, limit, value, words):
     monkeypatch.setattr(reference, limit, value)
     with pytest.raises(NoReference, match=words):
         solution(problem("double-pendulum"), 3.0)
-
-
-def test_work_can_be_ended():
-    """An exception of the caller's comes out."""
-
-    def stop():
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        solution(problem("pendulum"), 1.0, stop)
 
 
 @pytest.fixture
@@ -370,26 +250,8 @@ def test_stored_reference_reads_back_to_the_same_bits(tmp_path, counted):
     assert record["lambda_scale"] == first.scales.tolist()
 
 
-@each("damage", [
-    lambda text: text[: len(text) // 2],
-    lambda text: text.replace('"v": [', '"v": [NaN,', 1).replace(",\n", ",", 1),
-    lambda text: text.replace('"content": "', '"content": "0'),
-])  # fmt: skip
-def test_damaged_files_are_written_anew(tmp_path, counted, damage):
-    """Cut off, of another shape, of something else: computed again, and mended."""
-    counted.clear()
-    first = stored_in(tmp_path).of(SPEC, 0.2)
-    (path,) = files(tmp_path)
-    whole = path.read_text()
-    path.write_text(damage(whole))
-    assert same(stored_in(tmp_path).of(SPEC, 0.2), first)
-    assert counted == [0.2, 0.2]
-    assert path.read_text() == whole
-    assert files(tmp_path) == [path]
-
-
 def test_damaged_files_are_never_read(tmp_path):
-    """One flipped bit, cut, or empty: computed again."""
+    """One flipped bit, cut, empty, of another shape or problem: computed again, and mended."""
     first = stored_in(tmp_path).of(SPEC, 0.2)
     (path,) = files(tmp_path)
     whole, times = path.read_bytes(), []
@@ -398,30 +260,16 @@ def test_damaged_files_are_never_read(tmp_path):
         times.append(t)
         return first
 
-    for content in damaged(whole):
+    others = (
+        whole.replace(b'"v": [', b'"v": [NaN,', 1).replace(b",\n", b",", 1),
+        whole.replace(b'"content": "', b'"content": "0'),
+    )
+    for content in (*damaged(whole, flips=10), *others):
         path.write_bytes(content)
         times.clear()
         assert same(References(tmp_path, solve).of(SPEC, 0.2), first)
         assert times == [0.2]
         assert path.read_bytes() == whole
-
-
-def test_forced_runs_compute_references_anew(cli):
-    """Another run takes them from their files."""
-    cli.write(
-        "swings.yaml",
-        "study: swings\nproblem: double-pendulum\nform: u-lambda\npreconditioning: none\n"
-        "h: 0.1\nsteps: 2\nmeasure: error\n",
-    )
-    cli("run", "swings.yaml")
-    (path,) = files(cli.folder / "results")
-    before = path.read_bytes()
-    os.utime(path, (1, 1))
-    cli("run", "swings.yaml")
-    assert path.stat().st_mtime == 1
-    cli("run", "swings.yaml", "--force")
-    assert path.stat().st_mtime > 1
-    assert path.read_bytes() == before
 
 
 SWING = """\
@@ -434,8 +282,6 @@ gravity: [0, -1]
 
 @each("old, new", [
     ("stiffness: 2", "stiffness: 2.0000000000000004"),
-    ("mass: 1", "mass: 2"),
-    ("[0.6, 0.8]", "[0.8, 0.6]"),
     ("mass: 1}", "mass: 1, velocity: [-0.8, 0.6]}"),
     ("gravity: [0, -1]", "gravity: [0, -2]"),
 ])  # fmt: skip
@@ -448,33 +294,6 @@ def test_changed_mechanism_has_another_reference(monkeypatch, old, new):
     # Nor is a reference of another version taken.
     monkeypatch.setattr(reference, "VERSION", reference.VERSION + 1)
     assert references.digest(problems[0], 0.5) != one
-
-
-def mine(path, text=CODE, **arguments):
-    path.write_text(text)
-    return PythonFactory(path, "swing", tuple(arguments.items()), path.name)
-
-
-def test_code_and_arguments_of_a_python_problem_count(tmp_path, counted, monkeypatch):
-    """A line of the source, or an argument: another reference, in another file."""
-    monkeypatch.setattr(apart, "_inside", True)  # or nothing could be counted
-    specs = [
-        mine(tmp_path / "a.py"),
-        mine(tmp_path / "b.py", CODE + "# changed"),
-        mine(tmp_path / "a.py", after=2.0),
-        mine(tmp_path / "c.py"),
-    ]
-    digests = [references.digest(spec.load(), 0.5) for spec in specs]
-    assert len(set(digests)) == 3
-    assert digests[0] == digests[3], "the name of the file does not count"
-    stored = stored_in(tmp_path)
-    found = [stored.of(spec, 0.05) for spec in (*specs[:3], *specs[:3])]
-    assert counted == [0.05] * 3
-    true, _ = true_errors(found[0], pendulum(0.05))
-    assert np.all(true <= [1e-14, 1e-13, 1e-10])
-    assert [path.name.rsplit("-", 1)[0] for path in files(tmp_path)] == [
-        "a.py-swing-0.05", "a.py-swing-after=2.0-0.05", "b.py-swing-0.05",
-    ]  # fmt: skip
 
 
 def test_the_last_time_of_a_table_has_an_error_of_the_multipliers():

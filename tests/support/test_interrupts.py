@@ -11,7 +11,6 @@ import time
 import pytest
 from command_line import SCRIPT
 from conftest import ENDINGS, LONG, require_ended, wait_for_cells, wait_until, write_swings
-from each import each
 
 from newmark_cli.support import interrupts
 
@@ -26,11 +25,6 @@ expect: [{measure: correction, at_least: 1.0e-99}]
 """
 
 
-def kept(cli):
-    """Cells that stand in the results folder."""
-    return len(list((cli.folder / "results/cells").glob("*.json")))
-
-
 def python(code, **options):
     """Run a script that has `main`, `interrupts` and what it needs to signal itself."""
     head = "import os, signal, sys, time\nfrom newmark_cli.support import interrupts\n"
@@ -40,16 +34,20 @@ def python(code, **options):
     )  # fmt: skip
 
 
-@each("module", ["click", "numpy", "newmark_cli.study.config"])
-def test_interrupts_while_modules_are_imported(tmp_path, module):
-    """From the first import of a command on: one line, and the code of the signal."""
-    code = f"""
+def test_interrupts_while_modules_are_imported(tmp_path):
+    """From the first import of a command on: one line, and the code of the signal.
+
+    The console script begins in `console`, which imports nothing of the commands.
+    """
+    assert "from newmark_cli.console import main" in SCRIPT.read_text()
+    code = """
     class Finder:
         def find_spec(name, path, target=None):
-            if name == {module!r}:
+            if name == "click":
                 os.kill(os.getpid(), signal.SIGTERM)
     sys.meta_path.insert(0, Finder)
     from newmark_cli.console import main
+    assert "click" not in sys.modules and "newmark_cli.cli" not in sys.modules
     sys.argv[1:] = ["run", "pendulum-u"]
     main()
     """
@@ -58,23 +56,12 @@ def test_interrupts_while_modules_are_imported(tmp_path, module):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_console_script_answers_before_it_imports():
-    """It begins in `console`, which imports nothing of the commands."""
-    assert "from newmark_cli.console import main" in SCRIPT.read_text()
-    done = python("""
-    from newmark_cli import console
-    assert "click" not in sys.modules and "newmark_cli.cli" not in sys.modules
-    """)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-@each("where", ["module", "factory"])
-def test_interrupts_in_the_users_code(cli, where):
+def test_interrupts_in_the_users_code(cli):
     """They are no fault of the code, wherever it is when they come, and do not wait for it."""
-    lines = ["open('inside', 'w').close()", "time.sleep(3600)", ""]
-    if where == "factory":
-        lines = ["def swing():", *(f"    {line}" for line in lines)]
-    cli.write("mine.py", "import time\n" + "\n".join(lines))
+    cli.write(
+        "mine.py",
+        "import time\ndef swing():\n    open('inside', 'w').close()\n    time.sleep(3600)\n",
+    )
     cli.write("one.yaml", ONE)
     run = cli.start("run", "one.yaml", "--allow-code", start_new_session=True)
     wait_until((cli.folder / "inside").exists)
@@ -166,5 +153,6 @@ def test_a_forced_run_promises_nothing(cli):
     wait_for_cells(cli.folder / "results", 2)
     run.send_signal(signal.SIGINT)
     _, errors = run.communicate(timeout=60)
-    assert errors == f"newmark-study: interrupted; {kept(cli)} of 24 cells are cached\n"
+    kept = len(list((cli.folder / "results/cells").glob("*.json")))
+    assert errors == f"newmark-study: interrupted; {kept} of 24 cells are cached\n"
     assert run.returncode == 130

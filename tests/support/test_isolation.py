@@ -61,10 +61,9 @@ def test_harm_stays_in_its_problem(cli, tmp_path_factory):
     write_study(clean, "bad")
     clean("run", "mixed.yaml", "--allow-code")
     usual = clean.folder / "results"
-    for name, harm in HARM.items():
-        write_problem(cli, f"{name}-in-calls", in_calls=harm)
-        write_problem(cli, f"{name}-at-import", at_import=harm)
-    names = [f"{name}-{when}" for name in HARM for when in ("in-calls", "at-import")]
+    write_problem(cli, "patches", in_calls=HARM["patches"])
+    write_problem(cli, "folder", at_import=HARM["folder"])
+    names = ["patches", "folder"]
     write_study(cli, *names)
     cli("run", "mixed.yaml", "--allow-code", "--jobs", 1)
     found = cli.folder / "results"
@@ -83,26 +82,17 @@ def test_harm_stays_in_its_problem(cli, tmp_path_factory):
 
 #: Exceptions that are hard to tell of, with what is said of them.
 HARD = {
-    "str": (
-        "raise type('Mute', (Exception,), {'__str__': lambda self: 1 / 0})()",
-        "Mute: (its text cannot be shown: ZeroDivisionError)",
-    ),
     "exit-in-str": (
         "raise type('Mute', (Exception,), {'__str__': lambda self: exit(3)})()",
         "Mute: (its text cannot be shown: SystemExit)",
     ),
     "surrogate": ("raise ValueError('half \\ud800 of two')", "ValueError: half \\ud800 of two"),
-    "format": (
-        "raise type('Odd', (Exception,), {'__format__': lambda self, how: 1 / 0})('odd')",
-        "Odd: odd",
-    ),
     "interrupt": ("raise KeyboardInterrupt", "KeyboardInterrupt"),
     "exit": ("raise SystemExit(0)", "SystemExit: 0"),
 }
 #: Ends of a process, with what is said of them.
 ENDS = {
     "well": ("os._exit(0)", "its process ended with code 0"),
-    "ill": ("os._exit(130)", "its process ended with code 130"),
     "killed": ("os.kill(os.getpid(), 9)", "its process ended with code -9"),
 }
 
@@ -122,12 +112,12 @@ def test_whatever_a_cell_raises_fails_it_alone(cli):
     study = STUDY.replace("[none, optimal]", "optimal")
     cli.write("mixed.yaml", study.replace(bad, f"[{', '.join(spelled.values())}]"))
     done = cli("run", "mixed.yaml", "--allow-code", code=1)
-    assert done.stdout == "mixed: 9 failed, 2 ok -> results/mixed.csv\n"
+    assert done.stdout == "mixed: 6 failed, 2 ok -> results/mixed.csv\n"
     line = SWING[: SWING.index("def force")].count("\n") + 2
     expected = [f"own/{kind}.py, line {line}: {text}" for kind, (_, text) in HARD.items()]
     expected += [text for _, text in ENDS.values()]
     assert done.stderr.splitlines() == [
-        f"newmark-study: mixed: 1 of 11 cells failed: {text}" for text in expected
+        f"newmark-study: mixed: 1 of 8 cells failed: {text}" for text in expected
     ]
 
 
