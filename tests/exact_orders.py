@@ -8,11 +8,12 @@ Nothing here comes from the package: rows and relations are written out a second
 formulations, and the weights of each form are those of `oracles`.
 """
 
-import itertools
 import math
+import operator
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
 
 import numpy as np
 import oracles
@@ -23,8 +24,6 @@ PRIME = 2**61 - 1
 DIGITS = 24
 _POWERS = [PRIME**k for k in range(DIGITS + 1)]
 _MODULUS = _POWERS[DIGITS]
-
-Matrix = list[list["Number"]]
 
 
 class Number:
@@ -54,24 +53,11 @@ class Number:
             return other
         if not other.unit:
             return self
-        return Number._sum(self.order, self.unit, other.order, other.unit)
-
-    @classmethod
-    def _sum(cls, order: float, unit: int, other_order: float, other_unit: int) -> "Number":
-        shift = int(other_order - order)
-        if shift < 0:
-            order, unit, other_unit, shift = other_order, other_unit, unit, -shift
-        total = (unit + other_unit * _POWERS[min(shift, DIGITS)]) % _MODULUS
-        found = cls._normal(order, total)
+        first, second = sorted((self, other), key=lambda number: number.order)
+        shift = min(int(second.order - first.order), DIGITS)
+        found = Number._normal(first.order, (first.unit + second.unit * _POWERS[shift]) % _MODULUS)
         # What is left of a sum that cancels to its last digits is no digit of it.
-        return ZERO if found.order - order > DIGITS // 2 else found
-
-    def minus_product(self, one: "Number", other: "Number") -> "Number":
-        """Itself less the product of two that are not zero."""
-        order, unit = one.order + other.order, -one.unit * other.unit
-        if not self.unit:
-            return Number(order, unit % _MODULUS)
-        return Number._sum(self.order, self.unit, order, unit)
+        return ZERO if found.order - first.order > DIGITS // 2 else found
 
     def __neg__(self) -> "Number":
         return Number(self.order, -self.unit % _MODULUS)
@@ -118,7 +104,7 @@ CONSTRAINTS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class System:
-    """A linearised system in whole numbers.
+    """A linearised system; its matrices are arrays of `Number`.
 
     Attributes:
         M, X, Y: (n, n).
@@ -127,27 +113,17 @@ class System:
         beta, gamma, c: ∂u/∂a = β h², ∂v/∂a = γ h, ∂v'/∂a.
     """
 
-    M: Matrix
-    X: Matrix
-    Y: Matrix
-    G: Matrix
-    P: Matrix
-    A: Matrix
-    Q: Matrix
+    M: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    G: np.ndarray
+    P: np.ndarray
+    A: np.ndarray
+    Q: np.ndarray
     beta: Number
     gamma: Number
     c: Number
     about: str = field(default="", compare=False)
-
-    @property
-    def n(self) -> int:
-        """Number of coordinates."""
-        return len(self.M)
-
-    @property
-    def m(self) -> int:
-        """Number of constraints."""
-        return len(self.G[0])
 
 
 def random_system(
@@ -167,97 +143,72 @@ def random_system(
     """
     n, m = rng.randint(3, 6), rng.randint(1, 2)
 
-    def matrix(rows: int, columns: int, there: bool = True) -> Matrix:
+    def matrix(rows: int, columns: int, there: bool = True) -> np.ndarray:
         # Zeros and equal numbers would be no general position.
-        return [
-            [Number.of(rng.choice((-1, 1)) * rng.randint(1, 999) * there) for _ in range(columns)]
-            for _ in range(rows)
-        ]
+        return np.array(
+            [
+                [
+                    Number.of(rng.choice((-1, 1)) * rng.randint(1, 999) * there)
+                    for _ in range(columns)
+                ]
+                for _ in range(rows)
+            ]
+        )
+
+    def share() -> Number:
+        return Number.of(rng.randint(2, 99)) / Number.of(rng.randint(100, 200))
 
     root = matrix(n, n)
-    M = product(root, transposed(root))
-    G = matrix(n, m)
+    M, G = root @ root.T, matrix(n, m)
     return System(
         M=M,
         X=matrix(n, n, stiff),
         Y=matrix(n, n, damped),
         G=G,
-        P=product(inverse(M), G) if by_mass else G,
+        P=inverse(M) @ G if by_mass else G,
         A=matrix(m, n, moving),
         Q=matrix(m, n),
-        beta=Number.of(rng.randint(2, 99)) / Number.of(rng.randint(100, 200)),
-        gamma=Number.of(rng.randint(2, 99)) / Number.of(rng.randint(100, 200)),
-        c=Number.of(rng.randint(2, 99)) / Number.of(rng.randint(100, 200)),
+        beta=share(),
+        gamma=share(),
+        c=share(),
         about=f"n {n}, m {m}, Y {damped}, X {stiff}, A {moving}, P by mass {by_mass}",
     )
 
 
-def transposed(matrix: Matrix) -> Matrix:
-    """Rows as columns."""
-    return [list(column) for column in zip(*matrix, strict=True)]
+def zeros(*shape: int) -> np.ndarray:
+    """A matrix without entries."""
+    return np.full(shape, ZERO, object)
 
 
-def product(left: Matrix, right: Matrix) -> Matrix:
-    """Matrix product."""
-    columns = transposed(right)
-    return [[_dot(row, column) for column in columns] for row in left]
+def unit(n: int) -> np.ndarray:
+    """The identity."""
+    return np.where(np.eye(n, dtype=bool), ONE, ZERO)
 
 
-def _dot(left: Iterable[Number], right: Iterable[Number]) -> Number:
-    total = ZERO
-    for x, y in zip(left, right, strict=True):
-        total = total + x * y
-    return total
-
-
-def _times(factor: Number, matrix: Matrix) -> Matrix:
-    return [[factor * x for x in row] for row in matrix]
-
-
-def _sum(*matrices: Matrix) -> Matrix:
-    first, *rest = matrices
-    for other in rest:
-        first = [
-            [x + y for x, y in zip(a, b, strict=True)] for a, b in zip(first, other, strict=True)
-        ]
-    return first
-
-
-def _none(rows: int, columns: int) -> Matrix:
-    return [[ZERO] * columns for _ in range(rows)]
-
-
-def _unit(n: int) -> Matrix:
-    return [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
-
-
-def inverse(matrix: Matrix) -> Matrix:
+def inverse(matrix: np.ndarray) -> np.ndarray:
     """Gauss and Jordan, pivots of least order.
 
     Raises:
         ZeroDivisionError: For a singular matrix.
     """
     size = len(matrix)
-    work = [[*row, *unit] for row, unit in zip(matrix, _unit(size), strict=True)]
+    work = np.hstack([matrix, unit(size)])
     for k in range(size):
-        pivot = min(range(k, size), key=lambda i: work[i][k].order)
-        if not work[pivot][k].unit:
+        pivot = min(range(k, size), key=lambda i: work[i, k].order)
+        if not work[pivot, k].unit:
             raise ZeroDivisionError("singular")
-        work[k], work[pivot] = work[pivot], work[k]
-        reciprocal = ONE / work[k][k]
-        live = [(j, x * reciprocal) for j, x in enumerate(work[k]) if j >= k and x.unit]
-        for j, x in live:
-            work[k][j] = x
-        for i, row in enumerate(work):
-            multiple = row[k]
-            if i != k and multiple.unit:
-                for j, x in live:
-                    row[j] = row[j].minus_product(multiple, x)
-    return [row[size:] for row in work]
+        work[[k, pivot]] = work[[pivot, k]]
+        there = [j for j in range(k, 2 * size) if work[k, j].unit]
+        work[k, there] = work[k, there] * (ONE / work[k, k])
+        for i in range(size):
+            if i != k and work[i, k].unit:
+                work[i, there] = work[i, there] - work[k, there] * work[i, k]
+    return work[:, size:]
 
 
-def _least(block: Iterable[Iterable[Number]]) -> float:
-    return min((x.order for row in block for x in row), default=math.inf)
+def orders_of(matrix: np.ndarray) -> np.ndarray:
+    """Order of every entry."""
+    return np.array([x.order for x in matrix.flat], float).reshape(matrix.shape)
 
 
 class Measured:
@@ -269,56 +220,69 @@ class Measured:
     """
 
     def __init__(self, system: System, form: str, formulation: str) -> None:
-        self._system, self._form, self._formulation = system, form, formulation
+        self._system, self._formulation = system, formulation
         self._kept, relations = LAYOUT[form]
         constraints = CONSTRAINTS[formulation]
         self.rows = ("D", *relations, *constraints)
         multipliers = ("lambda", "eta") if formulation == "ggl" else ("lambda",)
         self.unknowns = (*self._kept, *(multipliers if constraints else ()))
-        self._weights, self._of_eta = self._eliminated()
-        n, m = system.n, system.m
-        row_sizes = [n if row in "DVK" else m for row in self.rows]
-        sizes = [n if unknown in "uva" else m for unknown in self.unknowns]
-        self._spans = _spans(row_sizes), _spans(sizes)
-        self._matrix = self._assembled()
-        self._inverse = inverse(self._matrix)
-        self.jacobian = self._blocks(self._matrix, *self._spans)
-        self.inverse = self._blocks(self._inverse, *reversed(self._spans))
+        table = oracles.FORMS[form][2](system.beta, system.gamma, H)
+        #: (3, kept) u, v and a of the kept fields, and (3,) of Pη, worked out by hand.
+        self._weights = np.array(
+            [[x if isinstance(x, Number) else Number.of(x) for x in row] for row in table]
+        )
+        self._of_eta = self._eliminated()
+        n, m = system.G.shape
+        sides = ([n if of in own else m for of in blocks] for own, blocks in (
+            ("DVK", self.rows), ("uva", self.unknowns),
+        ))  # fmt: skip
+        self._row_ends, self._ends = (np.cumsum(sizes)[:-1] for sizes in sides)
+        matrix = self._assembled()
+        self._inverse = inverse(matrix)
+        self.jacobian = self._least(matrix, self._row_ends, self._ends)
+        self.inverse = self._least(self._inverse, self._ends, self._row_ends)
 
     @staticmethod
-    def _blocks(matrix: Matrix, rows: Sequence[slice], columns: Sequence[slice]) -> np.ndarray:
-        return np.array([[_least(row[c] for row in matrix[r]) for c in columns] for r in rows])
+    def _least(matrix: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        orders = orders_of(matrix)
+        return np.array(
+            [[part.min() for part in np.split(band, columns, 1)] for band in np.split(orders, rows)]
+        )
 
-    def _eliminated(self) -> tuple[dict[str, list[Number]], dict[str, Number]]:
-        """u, v, a of the kept fields, and the coefficients of Pη, worked out by hand."""
+    def _eliminated(self) -> list[Number]:
+        """Coefficients of Pη: K reads u = β̃ a + Pη + …, whichever of u and a it eliminates."""
         s = self._system
-        b, g = s.beta * H * H, s.gamma * H
-        table = oracles.FORMS[self._form][2](s.beta, s.gamma, H)
-        weights = [[x if isinstance(x, Number) else Number.of(x) for x in row] for row in table]
-        # K reads u = β̃ a + Pη + …: where it eliminates u, η moves u; where a, it moves a and v.
-        of_eta = {"u": ZERO, "v": ZERO, "a": ZERO}
         if self._kept in ("v", "a", "va"):
-            of_eta["u"] = ONE
+            return [ONE, ZERO, ZERO]
         if self._kept == "u":
-            of_eta |= {"v": -(g / b), "a": -(ONE / b)}
-        return dict(zip("uva", weights, strict=True)), of_eta
+            return [ZERO, -(s.gamma * H / (s.beta * H * H)), -(ONE / (s.beta * H * H))]
+        return [ZERO, ZERO, ZERO]
 
-    def _constraint(self, row: str) -> tuple[Matrix, Matrix, Matrix]:
-        """Derivatives of a row of constraints in u, v and a."""
+    def _derivatives(self, row: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of a row in u, v and a."""
         s = self._system
-        Gt, none, two = transposed(s.G), _none(s.m, s.n), Number.of(2)
-        accelerations = (s.Q, _times(two, s.A), _times(s.c, Gt))
+        n, m = s.G.shape
+        two, none = Number.of(2), zeros(m, n)
+        if row == "D":
+            stiffness = s.X
+            if not CONSTRAINTS[self._formulation]:
+                stiffness = stiffness + s.G @ s.G.T * self.penalty
+            return stiffness, s.Y, s.M * s.c
+        if row == "V":
+            return zeros(n, n), unit(n), unit(n) * -(s.gamma * H)
+        if row == "K":
+            return unit(n), zeros(n, n), unit(n) * -(s.beta * H * H)
         if row == "C":
-            return Gt, none, none
+            return s.G.T, none, none
         if row == "Cv":
-            return s.A, Gt, none
+            return s.A, s.G.T, none
         if row == "Ca":
-            return accelerations
+            return s.Q, s.A * two, s.G.T * s.c
         rate = self._rate
         return (
-            _sum(s.Q, _times(two * rate, s.A), _times(rate * rate, Gt)),
-            _sum(_times(two, s.A), _times(two * rate, Gt)),
-            _times(s.c, Gt),
+            s.Q + s.A * (two * rate) + s.G.T * (rate * rate),
+            s.A * two + s.G.T * (two * rate),
+            s.G.T * s.c,
         )
 
     @property
@@ -333,47 +297,21 @@ class Measured:
             factor = factor * self._system.c / (self._system.beta * H * H)
         return factor
 
-    def _assembled(self) -> Matrix:
-        s = self._system
-        n, m = s.n, s.m
-        stiffness = s.X
-        if not CONSTRAINTS[self._formulation]:
-            penalised = _times(self.penalty, product(s.G, transposed(s.G)))
-            stiffness = _sum(s.X, penalised)
-        relations = {
-            "D": (stiffness, s.Y, _times(s.c, s.M)),
-            "V": (_none(n, n), _unit(n), _times(-s.gamma * H, _unit(n))),
-            "K": (_unit(n), _none(n, n), _times(-s.beta * H * H, _unit(n))),
-        }
-        matrix: Matrix = []
+    def _assembled(self) -> np.ndarray:
+        s, bands = self._system, []
         for row in self.rows:
-            fields = relations[row] if row in relations else self._constraint(row)
-            size = len(fields[0])
-            lines: Matrix = [[] for _ in range(size)]
-            for k in range(len(self._kept)):
-                combined = _sum(
-                    *(
-                        _times(self._weights[f][k], block)
-                        for f, block in zip("uva", fields, strict=True)
-                    )
-                )
-                lines = [line + more for line, more in zip(lines, combined, strict=True)]
+            fields = self._derivatives(row)
+            band = [
+                sum_of(block * w for block, w in zip(fields, of_kept, strict=True))
+                for of_kept in self._weights.T
+            ]
             if "lambda" in self.unknowns:
-                of_lambda = _times(-ONE, s.G) if row == "D" else _none(size, m)
-                lines = [line + more for line, more in zip(lines, of_lambda, strict=True)]
+                band.append(-s.G if row == "D" else zeros(len(fields[0]), s.G.shape[1]))
             if "eta" in self.unknowns:
-                of_fields = _sum(
-                    *(
-                        _times(self._of_eta[f], block)
-                        for f, block in zip("uva", fields, strict=True)
-                    )
-                )
-                of_eta = product(of_fields, s.P)
-                if row == "K":
-                    of_eta = _sum(of_eta, _times(-ONE, s.P))
-                lines = [line + more for line, more in zip(lines, of_eta, strict=True)]
-            matrix += lines
-        return matrix
+                pushed = sum_of(block * w for block, w in zip(fields, self._of_eta, strict=True))
+                band.append(pushed @ s.P - s.P if row == "K" else pushed @ s.P)
+            bands.append(band)
+        return np.block(bands)
 
     def residual(self, compensated: bool = False) -> dict[str, float]:
         """Order of each row's largest term, fields, f and λ O(1), or of increments.
@@ -383,12 +321,8 @@ class Measured:
         """
         sizes = {"u": 2, "v": 1, "a": 0} if compensated else dict.fromkeys("uva", 0)
 
-        def of_field(name: str) -> float:
-            weights = self._weights[name]
-            terms = [w.order + sizes[k] for w, k in zip(weights, self._kept, strict=True)]
-            return min(terms)
-
-        u, v, a = map(of_field, "uva")
+        kept = np.array([sizes[name] for name in self._kept], float)
+        u, v, a = (orders_of(self._weights) + kept).min(axis=1)
         position = 1.0 if compensated else 0.0
         velocity = 1.0 if compensated else min(0.0, v)
         acceleration = min(0.0, a) if compensated else min(0.0, v, a)
@@ -416,29 +350,21 @@ class Measured:
             compensated: Whether Δb is that of compensated evaluation.
             rows: Only rows that begin with one of these letters are perturbed.
         """
-        orders = self.residual(compensated)
-        right: list[list[Number]] = []
-        for row, span in zip(self.rows, self._spans[0], strict=True):
+        orders, right = self.residual(compensated), []
+        sizes = np.diff([0, *self._row_ends, len(self._inverse)])
+        for row, size in zip(self.rows, sizes, strict=True):
             there = rows is None or row[0] in rows
             right += [
-                [Number(orders[row], rng.randint(1, 10**9)) if there else ZERO]
-                for _ in range(span.stop - span.start)
+                Number(orders[row], rng.randint(1, 10**9)) if there else ZERO for _ in range(size)
             ]
-        change = product(self._inverse, right)
-        parts = dict(zip(self.unknowns, (change[span] for span in self._spans[1]), strict=True))
-        eta = product(self._system.P, parts["eta"]) if "eta" in parts else None
-        found = {}
-        for name in "uva":
-            terms = [
-                _times(weight, parts[k])
-                for weight, k in zip(self._weights[name], self._kept, strict=True)
-            ]
-            if eta is not None:
-                terms.append(_times(self._of_eta[name], eta))
-            found[name] = _least(_sum(*terms))
-        for name in ("lambda", "eta"):
-            if name in parts:
-                found[name] = _least(parts[name])
+        change = np.split(self._inverse @ np.array(right), self._ends)
+        parts, found = dict(zip(self.unknowns, change, strict=True)), {}
+        for name, weights, of_eta in zip("uva", self._weights, self._of_eta, strict=True):
+            terms = [parts[k] * w for w, k in zip(weights, self._kept, strict=True)]
+            if "eta" in parts:
+                terms.append(self._system.P @ parts["eta"] * of_eta)
+            found[name] = orders_of(sum_of(terms)).min()
+        found |= {name: orders_of(parts[name]).min() for name in ("lambda", "eta") if name in parts}
         return found
 
     def condition(self, left: Mapping[str, int], right: Mapping[str, int]) -> float:
@@ -450,6 +376,6 @@ class Measured:
         return float(np.min(scaled) + np.min(inverted))
 
 
-def _spans(sizes: Sequence[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(a, b) for a, b in itertools.pairwise(ends)]
+def sum_of(matrices: Iterable[np.ndarray]) -> np.ndarray:
+    """Their sum."""
+    return reduce(operator.add, matrices)

@@ -1,18 +1,17 @@
 """What tests of marches share: steps, states along a run, what "the same step" means."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
-import pytest
 
-from newmark_cli.newmark import kernel, march_data
+from newmark_cli.newmark import march_data
 from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.forms import FORMS
+from newmark_cli.newmark.formulation import Formulation, Projection
 from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.dense import DenseSystem
-from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import counting, recording
+from newmark_cli.newmark.march import March, initial_state
+from newmark_cli.newmark.march_data import counting
 from newmark_cli.newmark.scaling import named_scaling
 from newmark_cli.newmark.scheme import Scheme
 
@@ -31,6 +30,23 @@ STEP = {
     "governor": 1e-4,
     "spatial-slider-crank": 1e-3,
 }
+FORMULATIONS = [
+    "index-3",
+    "index-2",
+    "index-1",
+    "baumgarte rate=20",
+    "baumgarte rate_h=1",
+    "ggl",
+    "augmented-lagrangian factor=10",
+    "augmented-lagrangian penalty=50",
+]
+PROJECTIONS = [
+    "none",
+    "velocity",
+    "velocity accelerations",
+    "position-velocity",
+    "position-velocity accelerations",
+]
 INTEGRATORS = [
     Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.9), GeneralizedAlpha(0.0), HHT(0.1),
     BDF1(), BDF2(),
@@ -75,46 +91,9 @@ def march(engine, subject, scheme, state, first, steps):
     return counts.norms, counts.iterations
 
 
-def interpreted_march(subject, scheme, state, first, counts, record=None):
-    """The kernel's march as Python runs it, and all that it calls but the problem's functions."""
-    engine = Engine(subject, scheme)
-    kept = recording(state, np.empty(0)) if record is None else record
-    given = engine.arguments(state, first, counts, kept)
-    functions, (of_problem, of_step), (static, dense), extra, python, _, schedule, sizes, *_ = given
-    tables = of_problem._replace(ints=subject.ints), of_step
-    room = kernel._allocate(*tables, dense, extra, state, schedule, sizes, counts.norms.shape[1])
-    with pytest.MonkeyPatch.context() as patch:
-        for name, function in list(vars(kernel).items()):
-            if hasattr(function, "py_func"):
-                patch.setattr(kernel, name, function.py_func)
-        solve = functions[2] if extra is None else None
-        return kernel._march(
-            subject.function, subject.derivatives, solve, *tables, static, dense, extra,
-            python.calls, *given[5:], room,
-        )  # fmt: skip
-
-
-class Interpreted:
-    """In place of the engine of a march."""
-
-    static = None
-
-    def __init__(self, subject, scheme):
-        self.march = partial(interpreted_march, subject, scheme)
-
-
 def start(subject, integrator=None, h=1e-2):
     """The consistent initial state."""
     return initial_state(subject, scheme_of("u-lambda", "none", h, integrator))
-
-
-def states(subject, integrator, h, count):
-    """States along a run of the (u, λ) form, 25 steps apart."""
-    scheme = scheme_of("u-lambda", "optimal", h, integrator)
-    state = initial_state(subject, scheme)
-    for k in range(count):
-        yield 25 * k, state.copy()
-        march(compiled, subject, scheme, state, 25 * k, 25)
 
 
 def assert_same_step(subject, scheme, first, second):
@@ -135,10 +114,32 @@ def assert_same_step(subject, scheme, first, second):
         assert np.linalg.norm(one - other) <= unit * weight, name
 
 
-def scheme_of(form, variant, h, integrator=None, **changes):
-    """The trapezoidal rule, or another; changes are further fields of the scheme."""
-    form = FORMS[form]
-    return Scheme(integrator or Newmark(), form, named_scaling(variant, form), h, **changes)
+def formulated(
+    formulation, form="a-lambda", h=1e-2, integrator=None, scaling="optimal", projection="none",
+    **options,
+):  # fmt: skip
+    """A scheme whose parts are given by their labels; generalized-α with ρ∞ = 0.9, or another."""
+    of = Formulation.parse(formulation)
+    form = of.applied(FORMS[form])
+    return Scheme(
+        integrator or GeneralizedAlpha(0.9), form, named_scaling(scaling, form), h,
+        formulation=of, projection=Projection.parse(projection), **options,
+    )  # fmt: skip
+
+
+def scheme_of(form, variant, h, integrator=None, **options):
+    """Index 3 by the trapezoidal rule, or another."""
+    return formulated("index-3", form, h, integrator or Newmark(), variant, **options)
+
+
+def march_of(subject, scheme, engine="kernel", **options):
+    """A march: compiled, or by a dense or a sparse system in Python."""
+    found = March(subject, scheme, "sparse-lu" if engine == "sparse" else "dense-lu", **options)
+    if engine == "dense":
+        found._engine = in_python(
+            subject, scheme, found.system, constraining=found.system.constraining
+        )
+    return found
 
 
 def in_motion(subject, seed=3):

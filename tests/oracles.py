@@ -342,13 +342,13 @@ THROWN = {
 
 
 @cache
-def _thrown():
+def _swing(rate, gravity):
     return solve_ivp(
-        lambda t, y: [y[1], -9.81 * np.cos(y[0])], (0, 1.5), [0, -1], method="DOP853",
+        lambda t, y: [y[1], -gravity * np.cos(y[0])], (0, 2.5), [0, rate], method="DOP853",
         rtol=1e-13, atol=1e-14, dense_output=True, max_step=0.01,
     ).sol  # fmt: skip
 
 
-def thrown_pendulum(t):
-    """Angle from the horizontal, and its rate, of `THROWN` at times up to 1.5 s."""
-    return _thrown()(t)
+def swing(t, rate=0.0, gravity=1.0):
+    """Angle from the horizontal, and its rate, of a rod of length 1 at times up to 2.5 s."""
+    return _swing(rate, gravity)(t)

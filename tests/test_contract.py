@@ -11,8 +11,7 @@ import yaml
 from covering import covering
 from damped import damped
 from each import each
-from marching import INTEGRATORS, STEP, assert_same_step
-from test_formulations import FORMULATIONS, march_of, scheme_of
+from marching import FORMULATIONS, INTEGRATORS, STEP, assert_same_step, formulated, march_of
 from test_planar_parts import CART
 from test_spatial_laws import BODIES
 
@@ -86,7 +85,7 @@ def test_every_joint_is_among_them():
 
 @EVERY
 def test_tangents(name):
-    """X, Y, G by complex steps; f and Φ by Python; f = −∂V/∂u where there is a potential.
+    """X, Y, G by complex steps; f and Φ by Python; f = −∂V/∂u and T = vᵀMv/2 where there is V.
 
     Whatever a wrong entry is, a random direction sees it.
     """
@@ -116,6 +115,7 @@ def test_tangents(name):
         rounding = 1e-12 * max(abs(above), abs(below)) / step
         expected = pytest.approx(force @ direction, rel=1e-5, abs=rounding)
         assert -(above - below) / (2 * step) == expected
+        assert subject.energies(t, u, v)[0] == pytest.approx(v @ subject.M @ v / 2, rel=1e-13)
 
 
 @EVERY
@@ -176,7 +176,7 @@ def test_starts(name):
     np.testing.assert_allclose(subject.M @ a - terms.force, 0, atol=balance)
     assert np.linalg.matrix_rank(terms.G) == subject.m
     assert np.linalg.eigvalsh(subject.M)[0] >= -1e-15 * np.abs(subject.M).max()
-    scheme = scheme_of("index-3", "u-lambda", 1e-2)
+    scheme = formulated("index-3", "u-lambda", 1e-2)
     found = invariants(subject, subject.t0, initial_state(subject, scheme))
     conserved = subject.energies(subject.t0, subject.u0, subject.v0) is not None
     assert tuple(found) == INVARIANTS[: 4 if conserved else 3]
@@ -212,7 +212,7 @@ def test_all_forms_take_the_same_step(name, formulation, variant, integrator, pr
     """
     subject, results = STEPPED[name](), {}
     for form in FORMS:
-        scheme = scheme_of(
+        scheme = formulated(
             formulation, form, STEP[name], integrator, scaling=variant, projection=projection
         )
         march = march_of(subject, scheme)
@@ -225,7 +225,7 @@ def test_all_forms_take_the_same_step(name, formulation, variant, integrator, pr
 @each("solver", [DENSE, SPARSE, STATIC])
 def test_what_cannot_be_solved_ends_the_march(solver):
     """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
-    subject, scheme = problem("pendulum"), scheme_of("index-3", "u-lambda", 0.1, Newmark())
+    subject, scheme = problem("pendulum"), formulated("index-3", "u-lambda", 0.1, Newmark())
     still = State(*(np.zeros(shape) for shape in ((4, 2), (3, 2), 1, (2, 2), 1, 1, 1, 2, 3)))
     fast = initial_state(subject, scheme)
     fast.past[1] = 1e200

@@ -5,12 +5,11 @@ import pytest
 from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from marching import STEP, scheme_of
+from marching import STEP, formulated, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import kernel
 from newmark_cli.newmark.engine import Engine
-from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.assembly import Constants, Sums
 from newmark_cli.newmark.linear.ordering import Order
@@ -42,8 +41,7 @@ def run(subject, scheme, stretches, looks_after, after_stretch=lambda exchanges:
     "subject, form, variant, integrator, evaluation, precision",
     [
         ("andrews", "u-lambda", "optimal", Newmark(), "direct", "float64"),
-        ("andrews", "v-lambda", "none", BDF2(), "compensated", "float64"),
-        ("slider-crank", "u-v-a-lambda", "left", GeneralizedAlpha(0.8), "direct", "float64"),
+        ("slider-crank", "u-v-a-lambda", "left", BDF2(), "compensated", "float64"),
         ("four-bar", "u-v-lambda", "right", Newmark(), "direct", "float32"),
         ("heavy-top", "a-lambda", "optimal", GeneralizedAlpha(0.8), "direct", "float64"),
         ("double-pendulum", "v-a-lambda", "left", Newmark(), "compensated", "float32"),
@@ -80,7 +78,7 @@ def test_the_march_halts_where_code_is_given_up(monkeypatch):
 
 def test_no_code_for_formulations_or_much_fill(monkeypatch):
     """Systems with rows that the lists do not know, and eliminations with many operations."""
-    scheme = scheme_of("u-lambda", "optimal", 1e-3, formulation=Formulation("index-2"))
+    scheme = formulated("index-2", "u-lambda", 1e-3)
     assert run(problem("pendulum"), scheme, 3, 20)[0].exchanges is None
     monkeypatch.setattr(generated, "OPERATIONS_AT_MOST", 20)
     scheme = scheme_of("u-lambda", "optimal", 1e-5)
@@ -145,20 +143,3 @@ def test_solved_or_given_up(values, rows, fit):
         assert ending == COMPLETED
         assert kernel.solve_in_place(matrix, expected, np.empty(5, np.uint64), np.empty(5))
         np.testing.assert_array_equal(b, expected)
-
-
-@given(values=st.lists(st.integers(-3, 3), min_size=16, max_size=16))
-def test_exchanges_of_a_matrix(values):
-    """Every pivot is the largest that is left in its column; none of a singular matrix."""
-    matrix = np.reshape(values, (4, 4)).astype(float)
-    rows = exchanges.row_order(matrix)
-    if rows is None:
-        assert np.linalg.matrix_rank(matrix) < 4
-        return
-    assert sorted(rows) == [0, 1, 2, 3]
-    left = matrix[rows]
-    for k in range(4):
-        pivot = abs(left[k, k])
-        assert pivot > 0
-        assert pivot == abs(left[k:, k]).max()
-        left[k + 1 :] -= np.outer(left[k + 1 :, k] / left[k, k], left[k])

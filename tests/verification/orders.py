@@ -82,14 +82,16 @@ def shipped_pairs(name: str, rng: random.Random) -> Pairs:
     state = start(subject)
     terms = subject.evaluate(subject.t0, state.fields[0], state.fields[1], state.multipliers)
 
-    def exact(matrix: np.ndarray) -> exact_orders.Matrix:
+    def exact(matrix: np.ndarray) -> np.ndarray:
         fractions = [[Fraction(float(x)) for x in row] for row in matrix]
-        return [[Number.of(x.numerator) / Number.of(x.denominator) for x in r] for r in fractions]
+        return np.array(
+            [[Number.of(x.numerator) / Number.of(x.denominator) for x in r] for r in fractions]
+        )
 
     other = exact_orders.random_system(rng)
     X, Y, G = exact(terms.X), exact(terms.Y), exact(terms.G)
     system = exact_orders.System(
-        M=exact(subject.M), X=X, Y=Y, G=G, P=G, A=[], Q=[],
+        M=exact(subject.M), X=X, Y=Y, G=G, P=G, A=G.T, Q=G.T,
         beta=other.beta, gamma=other.gamma, c=other.c,
     )  # fmt: skip
     damped, stiff = bool(np.any(terms.Y)), bool(np.any(terms.X))
