@@ -1,9 +1,7 @@
-"""The blocks of code in the documentation, and a shell that is as much as they need."""
+"""The blocks of code in the documentation, and the commands in them."""
 
-import os
 import re
 import shlex
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,21 +14,13 @@ _INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block.
+    """A fenced or an indented block."""
 
-    Attributes:
-        line: Of the page, where it begins.
-        language: As the fence says.
-        title: Name of the file that it shows; empty where it is none.
-        text: What is in it.
-        not_run: Why it is not run; empty where it is.
-    """
-
-    line: int
-    language: str
-    title: str
-    text: str
-    not_run: str
+    line: int  #: of the page, where it begins
+    language: str  #: as the fence says
+    title: str  #: name of the file that it shows; empty where it is none
+    text: str  #: what is in it
+    not_run: str  #: why it is not run; empty where it is
 
 
 def pages():
@@ -92,47 +82,29 @@ def inline(path):
 
 @dataclass(frozen=True)
 class Command:
-    """One command of a block.
-
-    Attributes:
-        words: After expansion.
-        may_fail: Whether ``|| true`` follows.
-        into: File that its output goes to; None where it is printed.
-        shown: Lines that the page shows of its output; None where it shows none.
-    """
+    """One command of a block."""
 
     words: list[str]
-    may_fail: bool = False
-    into: str | None = None
-    shown: list[str] | None = None
+    may_fail: bool = False  #: whether ``|| true`` follows
+    into: str | None = None  #: file that its output goes to; None where it is printed
+    shown: list[str] | None = None  #: what the page shows of its output; None where it shows none
 
 
-def _command(text, variables, shown=None):
+def _command(text, shown=None):
     text = re.sub(r"(^|\s)#\s.*$", "", text).strip()
     may_fail = text.endswith("|| true")
     text, _, into = text.removesuffix("|| true").strip().partition(" > ")
-    words = _expanded(text, variables) if set("$`*?[{~") & {*text} else shlex.split(text)
-    return Command(words, may_fail, into.strip() or None, shown)
+    return Command(shlex.split(text), may_fail, into.strip() or None, shown)
 
 
-def _expanded(text, variables):
-    """The words that bash makes of a command."""
-    expanded = subprocess.run(
-        ["bash", "-uc", f"printf '%s\\0' {text}"],
-        env={"PATH": os.environ["PATH"], **variables}, capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return expanded.stdout.split("\0")[:-1]
-
-
-def commands(block, variables=None):
+def commands(block):
     """Commands of a block of bash, or of a console with prompts and what is printed."""
-    variables = variables or {}
     if block.language == "console":
         found = []
         for part in re.split(r"^\$ ", block.text, flags=re.M)[1:]:
             first, *shown = part.splitlines()
-            found.append(_command(first, variables, [line for line in shown if line]))
+            found.append(_command(first, [line for line in shown if line]))
         return found
     text = re.sub(r"\\\n\s*", "", block.text)
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    return [_command(part, variables) for line in lines for part in line.split(" && ")]
+    return [_command(part) for line in lines for part in line.split(" && ")]

@@ -3,7 +3,6 @@
 import importlib.util
 import re
 import shutil
-import subprocess
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -36,12 +35,7 @@ README = PAGES["README.md"].read_text(encoding="utf-8")
 SPATIAL = PAGES["spatial.md"].read_text(encoding="utf-8")
 
 #: Commands of a shell or of an installation, which the tests do not run.
-FOREIGN = ("python3", "pip", ".", "sbatch", "mkdocs")
-#: What a job array of two tasks sets.
-JOBS = [
-    {"SLURM_ARRAY_TASK_ID": number, "SLURM_ARRAY_TASK_COUNT": "4", "SLURM_CPUS_PER_TASK": "1"}
-    for number in "1234"
-]
+FOREIGN = ("python3", "pip", ".", "mkdocs")
 #: Studies and mechanisms that single keys of a page are tried in.
 STUDY = {
     "study": "fragment", "problem": "pendulum", "form": "u-lambda", "preconditioning": "none",
@@ -102,10 +96,6 @@ class Reader:
             steps = [step["run"] for step in job["steps"] if "run" in step]
             assert any("check" in step for step in steps)
             self.run(commands(replace(block, language="bash", text="\n".join(steps))))
-        elif block.title.endswith(".sh"):
-            subprocess.run(["bash", "-n", block.title], cwd=self.cli.folder, check=True)
-            for variables in JOBS if "SLURM" in block.text else [{}]:
-                self.run(commands(block, variables))
         elif block.language in ("bash", "console"):
             self.run(commands(block))
         elif block.language == "python":
@@ -276,13 +266,9 @@ def test_every_column_and_key_is_explained(reference):
         assert len(columns[name]) > 5, name
     assert set(csv_files.ABOUT) >= set(csv_files.COLUMNS)
     keys = rows_of(reference["reference/config.md"])
-    for name in (
-        *config.Case.model_fields,
-        *config.Study.model_fields,
-        *FigureConfig.model_fields,
-        *ExpectConfig.model_fields,
-    ):
-        assert len(keys[name]) > 5, name
+    for model in (config.Case, config.Study, FigureConfig, ExpectConfig):
+        for name in model.model_fields:
+            assert len(keys[name]) > 5, name
     for page, model in (("mechanism", Mechanism), ("spatial", SpatialMechanism)):
         keys = rows_of(reference[f"reference/{page}.md"])
         for name in model.keys():  # noqa: SIM118 (no mapping)
@@ -343,12 +329,8 @@ def test_committed_results_are_complete(committed):
     assert {s.verdict for s in others} == {NOT_CONVERGING, UNDECIDED}
     judged = expectations.judge(ROOT / "results", committed)
     assert {entry.verdict for entry in judged} == {PASS}
-    assert {entry.study for entry in judged} == {*config.BEYOND} - {
-        "integrators",
-        "cures-tolerance",
-        "cures-krylov",
-        "spatial",
-    }
+    silent = {"integrators", "cures-tolerance", "cures-krylov", "spatial"}
+    assert {entry.study for entry in judged} == {*config.BEYOND} - silent
     for number in FIGURES:
         assert (ROOT / f"results/figures/figure-{number}.png").stat().st_size > 5000
 
@@ -380,12 +362,8 @@ def test_tables_name_every_planar_part_and_law():
             assert f"`{key}`" in page or f"{key}`" in page or f", {key}" in page, key
 
 
-def test_slopes_of_the_shipped_study_are_those_of_the_page(cli):
+def test_slopes_of_the_shipped_study_are_those_of_the_page(cli, committed_folder):
     """The number of slopes, from the committed results."""
-    for file in ("spatial.csv", "spatial.json"):
-        (cli.folder / "results").mkdir(exist_ok=True)
-        shutil.copy(ROOT / "results" / file, cli.folder / "results")
     said = re.search(r"all (\d+) slopes are as predicted", SPATIAL)[1]
-    assert (
-        cli("check", "spatial").stdout.splitlines()[-1] == f"{said} of {said} slopes as predicted"
-    )
+    told = cli("check", "spatial", "--results", committed_folder).stdout.splitlines()
+    assert told[-1] == f"{said} of {said} slopes as predicted"

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 from mechanisms import built
 
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
@@ -59,7 +58,7 @@ def test_coordinates_and_constraints_are_named_by_their_parts():
     assert points == [{"A"}, {"A", "B"}, {"C"}, {"A"}, {"D"}, {"D"}]
 
 
-@each("name", PROBLEMS)
+@pytest.mark.parametrize("name", PROBLEMS)
 def test_names_are_as_many_as_numbers_and_all_different(name):
     """One name for each coordinate and each constraint of the shipped problems."""
     subject = problem(name)
@@ -80,106 +79,66 @@ def test_names_of_a_definition():
     assert (subject.coordinate_names, subject.constraint_names) == (("bob.x", "bob.y"), ("rod",))
 
 
-@each(
-    "given, message",
-    [
-        (
-            {"coordinate_names": ["x"]},
-            "coordinate_names must be a list of 2 texts, all different, given ['x']",
-        ),
-        (
-            {"coordinate_names": "xy"},
-            "coordinate_names must be a list of 2 texts, all different, given 'xy'",
-        ),
-        (
-            {"coordinate_names": 2},
-            "coordinate_names must be a list of 2 texts, all different, given 2",
-        ),
-        (
-            {"coordinate_names": ["x", 2]},
-            "coordinate_names must be a list of 2 texts, all different, given ['x', 2]",
-        ),
-        (
-            {"coordinate_names": ["x", " "]},
-            "coordinate_names must be a list of 2 texts, all different, given ['x', ' ']",
-        ),
-        (
-            {"coordinate_names": ["x", "x"]},
-            "coordinate_names must be a list of 2 texts, all different, given ['x', 'x']",
-        ),
-        (
-            {"constraint_names": ["rod", "bar"]},
-            "a list of 1 texts, all different, given ['rod', 'bar']",
-        ),
-    ],
-)
-def test_names_that_cannot_be_used_are_refused(given, message):
+@pytest.mark.parametrize("names", [["x"], "xy", 2, ["x", 2], ["x", " "], ["x", "x"]])
+def test_names_that_cannot_be_used_are_refused(names):
     """Count, text and difference are checked."""
-    with pytest.raises(ProblemError, match=r"^problem: ") as caught:
-        from_definition(hanging(**given), "hanging")
-    assert str(caught.value).endswith(message)
+    for key, count, given in (("coordinate", 2, names), ("constraint", 1, ["rod", "bar"])):
+        with pytest.raises(ProblemError, match=r"^problem: ") as caught:
+            from_definition(hanging(**{f"{key}_names": given}), "hanging")
+        said = f"{key}_names must be a list of {count} texts, all different, given {given!r}"
+        assert str(caught.value).endswith(said)
 
 
-def multiplier(subject, name):
-    """λ of a constraint at the start."""
-    _, multipliers = Index1(subject).accelerations(subject.t0, subject.u0, subject.v0)
-    return multipliers[subject.constraint_names.index(name)]
-
-
-def test_a_multiplier_of_a_bar_is_minus_its_tension_over_its_length():
-    """A pendulum at rest: the rod pulls with m g, λ L = −m g; N/m.
-
-    Φ = (|Δ|² − L²)/2 has the gradient Δ: G λ pushes the end of a bar outwards where λ > 0.
-    """
-    bar = built(
-        "points: {O: {fixed: [0, 0]}, P: {at: [0, -0.5], mass: 2.0}}\n"
-        "bars: {rod: {from: O, to: P, length: 0.5}}\ngravity: [0, -3.0]\n"
-    )
-    assert multiplier(bar, "bars.rod") == pytest.approx(-2.0 * 3.0 / 0.5, rel=1e-14)
-    assert multiplier(from_definition(hanging(), "h"), "1") == pytest.approx(-12.0, rel=1e-14)
-
-
-def test_a_multiplier_of_a_body_is_minus_the_pull_between_its_points_over_their_distance():
-    """A rod that hangs by its end pulls with m g; half of that passes its two points.
-
-    A uniform rod in natural coordinates: masses m/3 at the points and m/6 between them.
-    Gravity loads each point with m g/2; at rest λ L holds that of the lower one.
-    """
-    rod = built(
+#: Kind of constraint → a mechanism at rest, and its multipliers by hand.  Φ of a bar or body is
+#: (|Δ|² − L²)/2, with the gradient Δ: G λ pushes the end outwards where λ > 0.
+MULTIPLIERS = {
+    "a bar pulls with m g, λ L = −m g": (
+        "points: {O: {fixed: [0, 0]}, P: {at: [0, -0.5], mass: 2}}\n"
+        "bars: {rod: {from: O, to: P, length: 0.5}}\ngravity: [0, -3]\n",
+        {"bars.rod": -2 * 3 / 0.5},
+    ),
+    # In natural coordinates m/3 at the points and m/6 between them: gravity loads each with m g/2.
+    "half of what hangs on a rod passes its two points": (
         "points: {O: {fixed: [0, 0]}, P: {at: [0, -2]}}\n"
         "bodies: {rod: {from: O, to: P, length: 2, mass: 6, centre: [1, 0], inertia: 2}}\n"
-        "gravity: [0, -10]\n"
-    )
-    assert multiplier(rod, "bodies.rod") == pytest.approx(-30.0 / 2.0, rel=1e-14)
-
-
-def test_a_multiplier_of_a_slider_is_a_force_along_the_left_normal():
-    """A mass on a table: the line x pushes it up with m g (N); reversed, λ is −m g."""
-    for direction, expected in (("[2, 0]", 6.0), ("[-2, 0]", -6.0)):
-        table = built(
-            "points: {P: {at: [1, 0], mass: 2.0}}\n"
-            f"sliders: {{table: {{point: P, through: [0, 0], direction: {direction}}}}}\n"
-            "gravity: [0, -3.0]\n"
-        )
-        assert multiplier(table, "sliders.table") == pytest.approx(expected, rel=1e-14)
-
-
-def test_a_multiplier_of_a_driven_coordinate_is_the_force_that_drives_it():
-    """A mass lifted with 0.5 m/s² under gravity 3: m (g + s) upwards (N)."""
-    lift = built(
-        "points: {P: {at: [0, 0], mass: 2.0}}\n"
-        "motions: {lift: {point: P, x: {}, y: {acceleration: 0.5}}}\ngravity: [0, -3.0]\n"
-    )
-    assert multiplier(lift, "motions.lift.y") == pytest.approx(2.0 * 3.5, rel=1e-14)
-    assert multiplier(lift, "motions.lift.x") == pytest.approx(0.0, abs=1e-14)
-
-
-def test_a_multiplier_of_a_driven_angle_is_the_torque_over_the_distance_of_the_points():
-    """A crank of length 2 held level against gravity: torque m g l/2 counter-clockwise, λ in N."""
-    crank = built(
+        "gravity: [0, -10]\n",
+        {"bodies.rod": -30 / 2},
+    ),
+    "a line x pushes up along its left normal, in N": (
+        "points: {P: {at: [1, 0], mass: 2}}\n"
+        "sliders: {table: {point: P, through: [0, 0], direction: [2, 0]}}\ngravity: [0, -3]\n",
+        {"sliders.table": 6},
+    ),
+    "a line that points to −x does so downwards": (
+        "points: {P: {at: [1, 0], mass: 2}}\n"
+        "sliders: {table: {point: P, through: [0, 0], direction: [-2, 0]}}\ngravity: [0, -3]\n",
+        {"sliders.table": -6},
+    ),
+    "a driven coordinate takes m (g + s) upwards": (
+        "points: {P: {at: [0, 0], mass: 2}}\n"
+        "motions: {lift: {point: P, x: {}, y: {acceleration: 0.5}}}\ngravity: [0, -3]\n",
+        {"motions.lift.x": 0, "motions.lift.y": 2 * 3.5},
+    ),
+    "a level crank takes the torque m g l/2, over the distance of its points": (
         "points: {O: {fixed: [0, 0]}, P: {at: [2, 0]}}\n"
         "bodies: {crank: {from: O, to: P, length: 2, mass: 6, centre: [1, 0], inertia: 2}}\n"
-        "motions: {hold: {body: crank, angle: {}}}\ngravity: [0, -10]\n"
-    )
-    assert multiplier(crank, "motions.hold.angle") == pytest.approx(60.0 / 2.0, rel=1e-14)
-    assert multiplier(crank, "bodies.crank") == pytest.approx(0.0, abs=1e-13)
+        "motions: {hold: {body: crank, angle: {}}}\ngravity: [0, -10]\n",
+        {"motions.hold.angle": 60 / 2, "bodies.crank": 0},
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", MULTIPLIERS)
+def test_what_a_multiplier_is(kind):
+    text, expected = MULTIPLIERS[kind]
+    subject = built(text)
+    _, found = Index1(subject).accelerations(subject.t0, subject.u0, subject.v0)
+    by_name = dict(zip(subject.constraint_names, found, strict=True))
+    assert by_name == pytest.approx(expected, rel=1e-14, abs=1e-13)
+
+
+def test_a_definition_has_the_multipliers_of_its_own_gradient():
+    """G = u instead of a bar's Δ: the same, −m g/L."""
+    subject = from_definition(hanging(), "h")
+    _, found = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
+    assert found == pytest.approx([-12.0], rel=1e-14)

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from each import each
 from pydantic import TypeAdapter, ValidationError
 
 import newmark_cli as newmark
@@ -74,7 +73,7 @@ def parsed(axis, given):
     return axis.value(found[0] if axis.many and found is not None else found)
 
 
-@each("axis", [axis for axis in axes.cell_axes() if axis.cell])
+@pytest.mark.parametrize("axis", [axis for axis in axes.cell_axes() if axis.cell])
 def test_what_is_printed_can_be_typed(axis):
     """A label of a CSV, and what tables and legends make of it, mean the value again."""
     assert VALUES.keys() == {axis.name for axis in axes.cell_axes() if axis.cell}
@@ -90,7 +89,9 @@ def test_what_is_printed_can_be_typed(axis):
                 assert integrator.parse(text) == value
 
 
-@each("key", ["form", "integrator", "preconditioning", "formulation", "projection", "start"])
+@pytest.mark.parametrize(
+    "key", ["form", "integrator", "preconditioning", "formulation", "projection", "start"]
+)
 def test_a_value_under_another_key(key):
     """The message names the key that has it."""
     (axis,) = (axis for axis in axes.cell_axes() if axis.name == key)
@@ -104,36 +105,23 @@ def test_a_value_under_another_key(key):
 def test_scaling_is_preconditioning(cli):
     """One word in results; either where something is typed, and not both."""
     given = {key: value for key, value in STUDY.items() if key != "preconditioning"}
-    names = ["none", "left"]
-    frame = newmark.run(
-        given
-        | {
-            "scaling": names,
-            "figures": [{"measure": "condition", "series": "scaling", "scaling": "left"}],
-        }
-    )
-    assert frame["preconditioning"].unique().tolist() == names
+    figure = {"measure": "condition", "series": "scaling", "scaling": "left"}
+    frame = newmark.run(given | {"scaling": ["none", "left"], "figures": [figure]})
+    assert frame["preconditioning"].unique().tolist() == ["none", "left"]
     with pytest.raises(newmark.NewmarkError, match="scaling: is the same as preconditioning"):
         newmark.run(STUDY | {"scaling": "left"})
-    either = [
-        newmark.march("pendulum", h=1e-2, steps=3, **{name: "none"})
-        for name in ("scaling", "preconditioning")
-    ]
-    np.testing.assert_array_equal(either[0].u, either[1].u)
-    assert newmark.scaling("v-lambda", h=1e-2, scaling="left") == newmark.scaling(
-        "v-lambda", h=1e-2, preconditioning="left"
-    )
+    names = ("scaling", "preconditioning")
+    one, other = (newmark.march("pendulum", h=1e-2, steps=3, **{n: "none"}).u for n in names)
+    np.testing.assert_array_equal(one, other)
+    one, other = (newmark.scaling("v-lambda", h=1e-2, **{n: "left"}) for n in names)
+    assert one == other
     with pytest.raises(newmark.NewmarkError, match="are one argument"):
         newmark.march("pendulum", h=1e-2, steps=3, scaling="none", preconditioning="none")
-    assert (
-        cli("orders", "--scaling", "left").stdout
-        == cli("orders", "--preconditioning", "left").stdout
-    )
-    text = json.dumps(given | {"cases": [{"scaling": "lft"}]}, indent=1)
-    cli.write("s.yaml", text)
-    assert (
-        "unknown preconditioning 'lft'; did you mean 'left'?" in cli("validate", "s", code=2).stderr
-    )
+    one, other = (cli("orders", f"--{n}", "left").stdout for n in names)
+    assert one == other
+    cli.write("s.yaml", json.dumps(given | {"cases": [{"scaling": "lft"}]}))
+    line = cli.refused("validate", "s")
+    assert "unknown preconditioning 'lft'; did you mean 'left'?" in line
 
 
 def test_a_mechanism_in_a_study(tmp_path):
@@ -200,8 +188,8 @@ assemble: true
 """
 
 
-@each(
-    "name, text, told",
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
     [
         ("s", json.dumps(STUDY | {"measure": "error", "h": [7e-3]}),
          "h: errors need a whole number of steps to t_end = 0.1, given 0.007; the nearest is "
@@ -240,21 +228,11 @@ def test_what_is_no_study(cli):
 
 def test_masses_of_body_points_count():
     """Inertia about the centre and the origin, against two point masses and a rod by hand."""
-    made = SpatialMechanism.model_validate(
-        {
-            "dimensions": 3,
-            "bodies": {
-                "rod": {
-                    "position": [0, 0, 0],
-                    "mass": 1,
-                    "centre": [0.5, 0, 0],
-                    "inertia": [0.1, 0.1, 0.1],
-                }
-            },
-            "body_points": {"tip": {"on": "rod", "at": [1, 0, 0], "mass": 2}},
-        }
-    )
-    centre, about_centre, about_origin = inertia_of(inertias(made)[0])
+    rod = {"position": [0, 0, 0], "mass": 1, "centre": [0.5, 0, 0], "inertia": [0.1, 0.1, 0.1]}
+    tip = {"on": "rod", "at": [1, 0, 0], "mass": 2}
+    given = {"dimensions": 3, "bodies": {"rod": rod}, "body_points": {"tip": tip}}
+    made = inertias(SpatialMechanism.model_validate(given))[0]
+    centre, about_centre, about_origin = inertia_of(made)
     np.testing.assert_allclose(centre, [2.5 / 3, 0, 0])
     np.testing.assert_allclose(np.diag(about_origin), [0.1, 2.35, 2.35])
     np.testing.assert_allclose(np.diag(about_centre), [0.1] + 2 * [2.35 - 3 * (2.5 / 3) ** 2])
@@ -270,20 +248,18 @@ def test_one_step_size(cli):
 
 
 def test_figures_have_the_title_of_a_mechanism(cli):
-    for name, more in (("swing", {"title": "A swing"}), ("plain", {})):
-        cli.write(f"{name}.yaml", json.dumps(SWING | more))
-        study = STUDY | {"study": f"of-{name}", "problem": f"{name}.yaml", "h": [1e-2, 1e-3, 1e-4]}
-        cli.write(f"{name}-study.yaml", json.dumps(study | {"t_end": 0.01}))
-        cli("run", f"{name}-study.yaml")
-    folder = cli.folder / "results"
-    given = Results(folder, collect(folder))
+    """Else its name; panels of several mechanisms likewise."""
+    cli.write("swing.yaml", json.dumps(SWING | {"title": "A swing"}))
+    cli.write("plain.yaml", json.dumps(SWING))
+    for study, problem in (("of-swing", "swing"), ("of-plain", "plain"), ("both", None)):
+        problems = [f"{problem}.yaml"] if problem else ["swing.yaml", "plain.yaml"]
+        given = STUDY | {"study": study, "problem": problems, "h": [1e-2, 1e-3], "t_end": 0.01}
+        cli.write(f"{study}.yaml", json.dumps(given))
+    cli("run", "of-swing", "of-plain", "both")
+    results = Results(cli.folder / "results", collect(cli.folder / "results"))
     for study, said in (("of-swing", "A swing"), ("of-plain", "plain")):
-        (figure,) = automatic.figures(study, given)
+        (figure,) = automatic.figures(study, results)
         assert figure.title.startswith(f"{said}, (u, λ) form")
-    both = STUDY | {"study": "both", "problem": ["swing.yaml", "plain.yaml"], "h": [1e-2, 1e-3]}
-    cli.write("both-study.yaml", json.dumps(both | {"t_end": 0.01}))
-    cli("run", "both-study.yaml")
-    given = Results(folder, collect(folder))
     definition = FigureConfig(measure="condition", panels=["problem"])
-    (figure,) = automatic.figures("both", given, [definition])
+    (figure,) = automatic.figures("both", results, [definition])
     assert [part.titles for part in figure.parts] == [("A swing",), ("plain",)]

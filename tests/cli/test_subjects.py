@@ -6,7 +6,6 @@ import examples
 import numpy as np
 import pytest
 from command_line import invoke
-from each import each
 
 PLANAR = """\
 points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 2}}
@@ -76,7 +75,7 @@ TRIED = [
 
 
 @pytest.mark.usefixtures("few_draws")
-@each("words, subject, works", TRIED)
+@pytest.mark.parametrize(("words", "subject", "works"), TRIED)
 def test_commands_work_or_say_why_not(folder, words, subject, works):
     """Exit code 0 and something printed, or 2 and one line on stderr."""
     command = words.split()
@@ -84,7 +83,7 @@ def test_commands_work_or_say_why_not(folder, words, subject, works):
     require(invoke([*command, subject, *code], folder), works)
 
 
-@each("problem, works", [
+@pytest.mark.parametrize(("problem", "works"), [
     *((problem, True) for problem in ("pendulum", "planar.yaml", "spatial.yaml")),
     ("{chain: {links: 3}}", True),
     *((problem, False) for problem in STUDIES + SUBJECTS[-4:]),

@@ -2,7 +2,6 @@
 
 import pytest
 from conftest import QUICK
-from each import each
 from test_own_problems import EXAMPLES
 
 import newmark_cli as newmark
@@ -11,18 +10,82 @@ from newmark_cli.study import config, keys
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
 
-MISTAKEN = """\
-studdy: quick
-problem: [pendulm, nowhere.yaml, pendulum]
-form: bogus
-preconditioning: [none, optimal, besst]
-h: 1e-2, 1e-3
-t_end: -1
-measure: [correction, colour]
-tend: 3
-"""
-
 HOIST = (EXAMPLES / "hoist.yaml").read_text()
+WRONG_HOIST = HOIST
+for old, new in (
+    ("B: {at: [0.4, 0.3]}", "B: {at: [0.4]}"),
+    ("{from: A, to: B", "{from: Z, to: Y"),
+    ("to: S, length", "to: S, lenght"),
+    ("{point: S", "{point: SS"),
+    ("rest_length: 0.9", "rest_length: -1"),
+    ("{from: W, to: S, d", "{from: W, to: W, d"),
+    ("{on: lever, torque", "{on: levre, torque"),
+    ("gravity: [0, -9.81]", "gravity: 0, -9.81"),
+):
+    assert old in WRONG_HOIST
+    WRONG_HOIST = WRONG_HOIST.replace(old, new)
+#: What is wrong → the text of a file, and line, key and first words of each complaint about it.
+MISTAKES = {
+    "keys and values of a config": (
+        "studdy: quick\nproblem: [pendulm, nowhere.yaml, pendulum]\nform: bogus\n"
+        "preconditioning: [none, optimal, besst]\nh: 1e-2, 1e-3\nt_end: -1\n"
+        "measure: [correction, colour]\ntend: 3\n",
+        [
+            (1, "studdy", "unknown key; did you mean 'study'? allowed: study, "),
+            (2, "problem[1]", ""),
+            (2, "problem[2]", "nowhere.yaml: cannot be read"),
+            (3, "form", ""),
+            (4, "preconditioning[3]", ""),
+            (5, "h", "write a list in brackets: h: [1e-2, 1e-3]"),
+            (6, "t_end", "must be greater than 0, given -1"),
+            (7, "measure[2]", ""),
+            (8, "tend", ""),
+        ],
+    ),
+    # One at the top is told once, whichever cases inherit it.
+    "cases": (
+        "study: x\nproblem: pendulum\nform: bogus\nh: [1e-2, 1e-3]\ncases:\n"
+        "  - {preconditioning: none, t_end: 1, h: -1}\n"
+        "  - {preconditioning: best, t_end: 1}\n"
+        "  - {t_end: 1}\n"
+        "  - {preconditoning: none, t_end: 1}\n"
+        "  - 3\n",
+        [
+            (3, "form", ""),
+            (6, "cases[1].h", ""),
+            (7, "cases[2].preconditioning", ""),
+            (8, "cases[3].preconditioning", "missing"),
+            (9, "cases[4].preconditoning", ""),
+            (10, "cases[5]", ""),
+        ],
+    ),
+    "rules between keys": (
+        QUICK.replace("t_end: 1.0", "measure: [condition, tolerance]")
+        + "cases:\n  - {t_end: 0.05}\n  - {}\n"
+        "  - {steps: 4, measure: condition}\n  - {steps: 4, measure: condition}\n",
+        [
+            (6, "measure", "tolerance needs 'stop'"),
+            (7, "cases", "two cases have pendulum, u-lambda, none, h = 0.1, condition"),
+            (8, "cases[1].t_end", "shorter than the step h = 0.1, given 0.05"),
+            (9, "cases[2].t_end", "needs either t_end or steps, given neither"),
+        ],
+    ),
+    # Also of parts next to wrong ones, and nothing that follows.
+    "a mechanism": (
+        WRONG_HOIST,
+        [
+            (11, "points.B.at[2]", ""),
+            (15, "bodies.lever.from", ""),
+            (15, "bodies.lever.to", ""),
+            (21, "bars.link.lenght", ""),
+            (24, "sliders.rail.point", ""),
+            (27, "springs.counterweight.rest_length", ""),
+            (30, "dampers.brake", "joins W with itself"),
+            (33, "torques.motor.on", ""),
+            (35, "gravity", "write a list in brackets: gravity: [0, -9.81]"),
+        ],
+    ),
+}
 
 
 def complaints(cli, name, text):
@@ -39,57 +102,19 @@ def complaints(cli, name, text):
     return found
 
 
-def test_every_mistake_of_a_config(cli):
-    found = complaints(cli, "c.yaml", MISTAKEN)
-    assert [(line, key) for line, key, _ in found] == [
-        (1, "studdy"), (2, "problem[1]"), (2, "problem[2]"), (3, "form"), (4, "preconditioning[3]"),
-        (5, "h"), (6, "t_end"), (7, "measure[2]"), (8, "tend"),
-    ]  # fmt: skip
-    said = {key: message for _, key, message in found}
-    assert said["studdy"].startswith("unknown key; did you mean 'study'? allowed: study, ")
-    assert said["problem[2]"].startswith("nowhere.yaml: cannot be read")
-    assert said["t_end"] == "must be greater than 0, given -1"
-    assert said["h"] == "write a list in brackets: h: [1e-2, 1e-3]"
+@pytest.mark.parametrize("kind", MISTAKES)
+def test_every_mistake_has_its_line(cli, kind):
+    text, expected = MISTAKES[kind]
+    found = complaints(cli, "c.yaml", text)
+    assert [entry[:2] for entry in found] == [entry[:2] for entry in expected]
+    for (*_, message), (*_, words) in zip(found, expected, strict=True):
+        assert message.startswith(words)
+
+
+def test_a_run_names_the_first_mistake(cli):
+    cli.write("c.yaml", MISTAKES["keys and values of a config"][0])
     line = cli.refused("run", "c.yaml")
     assert line.startswith("newmark-study: c.yaml, line 1: studdy: unknown key")
-
-
-def test_every_case_is_looked_at(cli):
-    """A mistake at the top is reported once, whichever cases inherit it."""
-    found = complaints(
-        cli,
-        "c.yaml",
-        "study: x\nproblem: pendulum\nform: bogus\nh: [1e-2, 1e-3]\ncases:\n"
-        "  - {preconditioning: none, t_end: 1, h: -1}\n"
-        "  - {preconditioning: best, t_end: 1}\n"
-        "  - {t_end: 1}\n"
-        "  - {preconditoning: none, t_end: 1}\n"
-        "  - 3\n",
-    )
-    assert [(line, key) for line, key, _ in found] == [
-        (3, "form"), (6, "cases[1].h"), (7, "cases[2].preconditioning"),
-        (8, "cases[3].preconditioning"), (9, "cases[4].preconditoning"), (10, "cases[5]"),
-    ]  # fmt: skip
-    assert found[3][2] == "missing"
-
-
-def test_rules_between_keys_are_all_reported(cli):
-    found = complaints(
-        cli,
-        "c.yaml",
-        QUICK.replace("t_end: 1.0", "measure: [condition, tolerance]")
-        + "cases:\n  - {t_end: 0.05}\n  - {}\n"
-        "  - {steps: 4, measure: condition}\n  - {steps: 4, measure: condition}\n",
-    )
-    assert [(line, key) for line, key, _ in found] == [
-        (6, "measure"), (7, "cases"), (8, "cases[1].t_end"), (9, "cases[2].t_end"),
-    ]  # fmt: skip
-    assert [message for _, _, message in found] == [
-        "tolerance needs 'stop'",
-        "two cases have pendulum, u-lambda, none, h = 0.1, condition",
-        "shorter than the step h = 0.1, given 0.05",
-        "needs either t_end or steps, given neither",
-    ]
 
 
 def test_mistakes_in_a_file_that_a_config_names(cli):
@@ -116,32 +141,6 @@ def test_a_mechanism_is_no_study(cli):
         newmark.run({"points": {"A": {"fixed": [0, 0]}}})
 
 
-def test_every_mistake_of_a_mechanism(cli):
-    """Keys, values and references, also of parts next to wrong ones; nothing that follows."""
-    text = HOIST
-    for old, new in (
-        ("B: {at: [0.4, 0.3]}", "B: {at: [0.4]}"),
-        ("{from: A, to: B", "{from: Z, to: Y"),
-        ("to: S, length", "to: S, lenght"),
-        ("{point: S", "{point: SS"),
-        ("rest_length: 0.9", "rest_length: -1"),
-        ("{from: W, to: S, d", "{from: W, to: W, d"),
-        ("{on: lever, torque", "{on: levre, torque"),
-        ("gravity: [0, -9.81]", "gravity: 0, -9.81"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    found = complaints(cli, "m.yaml", text)
-    assert [(line, key) for line, key, _ in found] == [
-        (11, "points.B.at[2]"), (15, "bodies.lever.from"), (15, "bodies.lever.to"),
-        (21, "bars.link.lenght"), (24, "sliders.rail.point"),
-        (27, "springs.counterweight.rest_length"), (30, "dampers.brake"), (33, "torques.motor.on"),
-        (35, "gravity"),
-    ]  # fmt: skip
-    assert found[-1][2] == "write a list in brackets: gravity: [0, -9.81]"
-    assert found[6][2] == "joins W with itself"
-
-
 def test_references_to_wrong_parts_are_no_mistakes(cli):
     """What hangs on a wrong point or body is neither unknown, nor massless, nor redundant."""
     for old, new in (("{fixed: [0, 0]}", "{}"), ("{at: [1.3, 0.65], mass: 2}", "{at: [1.3, x]}")):
@@ -153,25 +152,6 @@ def test_references_to_wrong_parts_are_no_mistakes(cli):
         "bodies.lever.from",
         "P is itself fixed on a body; a body needs two of 'points'",
     )
-
-
-def test_the_start_of_a_mechanism_is_checked_in_all_its_parts(cli):
-    """Massless points, lengths and velocities, each by its own line."""
-    text = (
-        "points:\n  A: {fixed: [0, 0]}\n  B: {at: [1, 0]}\n  C: {at: [2, 0]}\n"
-        "  D: {at: [0, 1], mass: 1, velocity: [0, 1]}\n  E: {at: [0, 2], mass: 1}\n"
-        "bars:\n  ab: {from: A, to: B, length: LENGTH}\n  bc: {from: B, to: C, length: LENGTH}\n"
-        "  ad: {from: A, to: D, length: 1}\n  de: {from: D, to: E, length: 1}\n"
-    )
-    found = complaints(cli, "m.yaml", text.replace("LENGTH", "1.5"))
-    assert [(line, key) for line, key, _ in found] == [(8, "bars.ab"), (9, "bars.bc")]
-    assert found[1][2].startswith("B and C start 1 m apart, given length 1.5; correct")
-    found = complaints(cli, "m.yaml", text.replace("LENGTH", "1"))
-    assert [(line, key) for line, key, _ in found] == [
-        (3, "points.B"), (4, "points.C"), (10, "bars.ad"), (11, "bars.de"),
-    ]  # fmt: skip
-    assert found[0][2] == "B carries no mass of its own; the mass matrix is singular"
-    assert found[2][2].startswith("initial velocities violate this constraint by 1 m/s")
 
 
 def test_a_thousand_mistakes_are_counted(cli):
@@ -189,7 +169,7 @@ def test_a_thousand_mistakes_are_counted(cli):
         assert last == f"newmark-study: {name}: … and 950 more"
 
 
-@each("given, said", [
+@pytest.mark.parametrize(("given", "said"), [
         (
             "{method: generalized_alpha, rho_inf: 0.9}",
             ["method: unknown method 'generalized_alpha'; did you mean 'generalized-alpha'?",
@@ -224,7 +204,7 @@ def test_integrators_are_spelled_in_the_answer(given, said):
         assert rest.lstrip(".: ").startswith(words), text
 
 
-@each("method", INTEGRATORS)
+@pytest.mark.parametrize("method", INTEGRATORS)
 def test_examples_of_integrators_are_right(method):
     """The spelling that errors offer is one that a config accepts."""
     text = QUICK + f"integrator: {keys.IntegratorConfig.example(method)}\n"

@@ -4,7 +4,7 @@ import doctest
 import re
 from pathlib import Path
 
-from each import each
+import pytest
 
 import newmark_cli as newmark
 from newmark_cli.advice import linearised
@@ -12,7 +12,7 @@ from newmark_cli.advice import linearised
 PUBLIC = [name for name in newmark.__all__ if name != "__version__"]
 
 
-@each("name", PUBLIC)
+@pytest.mark.parametrize("name", PUBLIC)
 def test_examples_of_docstrings_are_true(monkeypatch, name):
     """Every public name has a docstring with an example, which prints what it says."""
     if name == "Advice":  # its example prints nothing of what is drawn

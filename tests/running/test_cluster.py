@@ -1,30 +1,31 @@
 """Cells on dask workers: scheduler and workers as processes of their own."""
 
-import contextlib
 import json
 import os
 import re
-import shutil
 import signal
-import socket
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from command_line import CommandLine
 from conftest import (
     SWING,
-    require_failed_alone,
     require_interrupts_taken,
     wait_for_cells,
     write_swings,
 )
 
-import newmark_cli
+from newmark_cli.mechanisms import registry
+from newmark_cli.running import cluster, store
+from newmark_cli.running.executors import Task
+from newmark_cli.study import config
+from newmark_cli.support.errors import ExecutorError
 
-pytest.importorskip("distributed")
-import dask
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
 
 STUDY = """\
 study: spread
@@ -45,18 +46,15 @@ gravity: [0, -9.81]
 def threaded(tmp_path_factory):
     """The study's CSV from threads."""
     cli = CommandLine(tmp_path_factory.mktemp("threads"))
-    cli.write("mine.yaml", MINE)
-    cli.write("spread.yaml", STUDY)
+    write(cli)
     cli("run", "spread.yaml")
     return (cli.folder / "results/spread.csv").read_bytes()
 
 
-@pytest.fixture
-def study(cli, threaded):
-    """A study with a mechanism file, and its CSV from threads."""
+def write(cli):
+    """Write the study and its mechanism."""
     cli.write("mine.yaml", MINE)
     cli.write("spread.yaml", STUDY)
-    return threaded
 
 
 @pytest.fixture
@@ -71,13 +69,20 @@ def temporary(tmp_path, monkeypatch):
 
 def running(cli, address, *options):
     """A run on the scheduler, started and not waited for."""
-    return cli.start(
-        "run", "spread.yaml", "--results", "dask", "--executor", "dask", "--scheduler", address,
-        *options,
-    )  # fmt: skip
+    write(cli)
+    where = ("--executor", "dask", "--scheduler", address, "--results", "dask")
+    return cli.start("run", "spread.yaml", *where, *options)
 
 
-def test_workers_may_come_late_and_die(cli, study, scheduler):
+def lost(run):
+    """The line in which a run says that its cluster is gone."""
+    _, errors = run.communicate(timeout=120)
+    assert run.returncode == 1
+    (line,) = errors.splitlines()
+    return line
+
+
+def test_workers_may_come_late_and_die(cli, threaded, scheduler):
     """The run says that it waits; three come and one is killed: the same bytes as from threads."""
     _, address, workers = scheduler
     run = running(cli, address, "-v")
@@ -90,118 +95,74 @@ def test_workers_may_come_late_and_die(cli, study, scheduler):
     output, errors = run.communicate(timeout=120)
     assert run.returncode == 0, errors
     assert output.startswith("spread: 24 ok")
-    assert (cli.folder / "dask/spread.csv").read_bytes() == study
+    assert (cli.folder / "dask/spread.csv").read_bytes() == threaded
 
 
-def test_a_lost_scheduler_ends_the_run(cli, study, scheduler):
+def test_a_lost_scheduler_ends_the_run(cli, threaded, scheduler):
+    """In one line; what is finished is kept."""
     main, address, workers = scheduler
     workers(1)
     run = running(cli, address)
     wait_for_cells(cli.folder / "dask", 2)
     main.send_signal(signal.SIGKILL)
-    _, errors = run.communicate(timeout=120)
-    assert run.returncode == 1
-    assert len(errors.splitlines()) == 1, errors
-    (line,) = errors.splitlines()
-    assert line.startswith(f"newmark-study: the dask scheduler at {address} is lost")
+    assert lost(run).startswith(f"newmark-study: the dask scheduler at {address} is lost")
     assert not (cli.folder / "dask/spread.csv").exists()
     done = cli("run", "spread.yaml", "--results", "dask")
     assert re.search(r"24 ok \(\d+ cached\)", done.stdout)
-    assert (cli.folder / "dask/spread.csv").read_bytes() == study
+    assert (cli.folder / "dask/spread.csv").read_bytes() == threaded
 
 
 def test_no_scheduler(cli):
-    cli.write("mine.yaml", MINE)
-    cli.write("spread.yaml", STUDY)
+    write(cli)
+    where = ("--executor", "dask", "--scheduler", "tcp://127.0.0.1:9")
     with dask.config.set({"distributed.comm.timeouts.connect": "500ms"}):
-        done = cli(
-            "run", "spread.yaml", "--executor", "dask", "--scheduler", "tcp://127.0.0.1:9", code=1
-        )
+        done = cli("run", "spread.yaml", *where, code=1)
     (line,) = done.stderr.splitlines()
     assert "no dask scheduler at tcp://127.0.0.1:9" in line
-
-
-def test_interrupts_are_for_the_run(cli, temporary):
-    """Ctrl-C goes to all processes of a terminal, workers included, which leave no file."""
-    where = "1 cell on the workers of this machine\n"
-    moments = ((0.5, signal.SIGINT), (None, signal.SIGTERM))
-    require_interrupts_taken(cli, moments, where, "--executor", "dask", "--jobs", 1)
-    assert [*temporary.iterdir()] == []
-
-
-#: What another copy of the package has that this one has not, and what is said of it.
-OTHERS = {
-    "newmark/kernel.py": "numerical core of the same version",
-    "mechanisms/shipped/pendulum.yaml": "set of shipped mechanisms of the same version",
-}
-
-#: A worker whose package is the one beside this script, as far as files are read.
-ELSEWHERE = """from pathlib import Path
-
-import newmark_cli
-from dask.__main__ import main
-from newmark_cli.mechanisms import registry
-from newmark_cli.running import store
-
-package = Path(__file__).parent
-newmark_cli.__file__ = str(package / "__init__.py")
-registry._FOLDER = package / "mechanisms/shipped"
-for known in (store.core, registry.digest):
-    known.cache_clear()
-main()
-"""
-
-
-@pytest.mark.parametrize("file", OTHERS)
-def test_a_worker_with_another_core_is_refused(cli, scheduler, file):
-    _, address, workers = scheduler
-    package = Path(newmark_cli.__file__).parent
-    other = cli.folder / "other"
-    shutil.copytree(package, other, ignore=shutil.ignore_patterns("__pycache__"))
-    with (other / file).open("a") as changed:
-        changed.write("# changed\n")
-    workers(1, script=cli.write("other/elsewhere.py", ELSEWHERE))
-    require_refused(cli, address, f"computes with another {OTHERS[file]}; ")
-
-
-def require_refused(cli, address, why):
-    """The run ends in one line, and nothing is kept."""
-    cli.write("mine.yaml", MINE)
-    cli.write("spread.yaml", STUDY)
-    run = running(cli, address)
-    _, errors = run.communicate(timeout=120)
-    assert run.returncode == 1
-    (line,) = errors.splitlines()
-    assert why in line
-    assert not list((cli.folder / "dask/cells").iterdir())
 
 
 @pytest.mark.parametrize("scheduler", ["500ms"], indirect=True)
 def test_workers_that_never_come(cli, scheduler):
     _, address, _ = scheduler
-    cli.write("mine.yaml", MINE)
-    cli.write("spread.yaml", STUDY)
-    run = running(cli, address)
-    _, errors = run.communicate(timeout=120)
-    assert run.returncode == 1
-    (line,) = errors.splitlines()
+    line = lost(running(cli, address))
     assert line.startswith(f"newmark-study: the dask scheduler at {address} has no workers; ")
 
 
-def test_a_cell_that_does_not_come_back_fails_alone(cli, scheduler):
-    """Plain Python runs in a process of the worker, which outlives it, however it ends."""
-    _, address, workers = scheduler
-    workers(1)
-    write_swings(cli, "hang", "exit", "")
-    run = cli.start(
-        "run", "swings.yaml", "--allow-code", "--executor", "dask", "--scheduler", address,
-        "--timeout", 3, "-v",
-    )  # fmt: skip
-    output, errors = run.communicate(timeout=120)
-    assert run.returncode == 1, errors
-    assert output == "swings: 2 failed, 1 ok -> results/swings.csv\n", errors
-    waits = f"waiting for workers: the dask scheduler at {address} has none\n"
-    require_failed_alone(errors.replace(waits, ""), f"3 cells on the workers of {address}")
+def test_interrupts_are_for_the_run(cli, temporary):
+    """Ctrl-C goes to all processes of a terminal, workers included, which leave no file."""
+    where = "1 cell on the workers of this machine\n"
+    require_interrupts_taken(cli, [(None, signal.SIGINT)], where, "--executor", "dask", "--jobs", 1)
+    assert [*temporary.iterdir()] == []
+
+
+@pytest.mark.parametrize(
+    ("core", "numba", "shipped", "said"),
+    [
+        ("another", "", "", "computes with another numerical core of the same version"),
+        ("", "", "another", "computes with another set of shipped mechanisms of the same version"),
+        ("another", "0.1", "", r"computes with another numba \S+, here 0\.1"),
+    ],
+)
+def test_a_worker_with_another_core_computes_nothing(monkeypatch, core, numba, shipped, said):
+    """Whoever submits the cell says what it is to be computed with."""
+    monkeypatch.setattr(distributed, "get_worker", lambda: SimpleNamespace(address="there"))
+    versions = store.versions() | ({"numba": numba} if numba else {})
+    wanted = core or store.core(), versions, shipped or registry.digest()
+    (cell, *_) = config.load_shipped("pendulum-u").cells()
+    with pytest.raises(ExecutorError, match=f"^the dask worker at there {said}$"):
+        cluster._perform(Task(cell), None, wanted)
+
+
+def test_workers_run_code_of_users_in_processes(cli):
+    """So they outlive it, however it ends; see `test_a_cell_that_hangs_or_dies_fails_alone`."""
+    write_swings(cli, "exit")
+    (cell,) = config.load(cli.folder / "swings.yaml", allow_code=True).cells()
+    wanted = store.core(), store.versions(), registry.digest()
+    done = cluster._perform(Task(cell).of(cluster.portable(cell.problem)), None, wanted)
+    assert (done.outcome.status, done.outcome.reason) == (
+        "failed",
+        "its process ended with code 3",
+    )
 
 
 #: The command; before it reads the first result, others try to get into its cluster.
@@ -220,7 +181,6 @@ def after_intruders(*arguments):
     assert address.startswith("tls://127.0.0.1:"), address
     for where, security in [
         (address.replace("tls://", "tcp://"), None),
-        (address, None),
         (address, distributed.Security.temporary()),
         (address, mine.security),
     ]:
@@ -241,20 +201,16 @@ if __name__ == "__main__":
 """
 
 
-def test_nobody_else_gets_in(cli, study):
+def test_nobody_else_gets_in(cli, threaded):
     """Who has not the credentials of the run is refused by its scheduler; the run goes on."""
+    write(cli)
     script = cli.write("intruder.py", INTRUDER)
-    with socket.socket() as dashboard:
-        # Somebody else's, which dask would tell of.
-        with contextlib.suppress(OSError):
-            dashboard.bind(("127.0.0.1", 8787))
-            dashboard.listen()
-        run = cli.python(script, "run", "spread.yaml", "--executor", "dask", "--jobs", 1)
+    run = cli.python(script, "run", "spread.yaml", "--executor", "dask", "--jobs", 1)
     assert run.stderr == ""
     *tried, summary = run.stdout.splitlines()
-    assert [line.split()[0] for line in tried] == ["refused"] * 3 + ["let"]
+    assert [line.split()[0] for line in tried] == ["refused"] * 2 + ["let"]
     assert summary == "spread: 24 ok -> results/spread.csv"
-    assert (cli.folder / "results/spread.csv").read_bytes() == study
+    assert (cli.folder / "results/spread.csv").read_bytes() == threaded
 
 
 #: A module that notes that somebody has imported it.

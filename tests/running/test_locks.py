@@ -4,14 +4,14 @@ import errno
 import os
 
 import pytest
-from each import each
+from conftest import QUICK
 from portalocker import portalocker
 
 from newmark_cli.running import lock
 from newmark_cli.study.csv_files import ResultsError
 
 
-@each("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL])
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL])
 def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     """A warning that says so, once, and the run goes on; nobody else holds the folder."""
 
@@ -28,7 +28,7 @@ def test_a_file_system_without_locks(tmp_path, monkeypatch, number):
     assert held
 
 
-@each("number", [errno.EAGAIN, errno.EACCES])
+@pytest.mark.parametrize("number", [errno.EAGAIN, errno.EACCES])
 def test_a_lock_that_is_held(tmp_path, monkeypatch, number):
     """Both errors that systems have for it name who holds the folder."""
     (tmp_path / ".lock").write_text(
@@ -55,8 +55,14 @@ def _tried(folder):
         return str(error)
 
 
-def test_a_run_excludes_every_other(tmp_path):
-    with lock.locked(tmp_path, "run whole"):
-        held = f"{tmp_path}: in use by 'run whole', process {os.getpid()}"
-        assert held in _tried(tmp_path)
-    assert _tried(tmp_path) == "held"
+def test_a_run_excludes_every_other(cli):
+    """Until it ends; the command says who is there, and computes nothing."""
+    cli.write("quick.yaml", QUICK)
+    folder = cli.folder / "results"
+    folder.mkdir()
+    with lock.locked(folder, "run whole"):
+        held = f"in use by 'run whole', process {os.getpid()} on "
+        assert _tried(folder).startswith(f"{folder}: {held}")
+        assert f"results: {held}" in cli.refused("run", "quick.yaml")
+        assert [path.name for path in folder.iterdir()] == [".lock"]
+    assert _tried(folder) == "held"

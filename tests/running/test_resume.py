@@ -145,7 +145,7 @@ def test_an_interrupted_run_goes_on(cli, whole):
     cli.write("long.yaml", LONG)
     kept = 0
     # The first with threads side by side; then one cell after the other.
-    for ending, jobs in zip([*ENDINGS, signal.SIGKILL], (2, 1, 1, 1), strict=True):
+    for ending, jobs in ((signal.SIGINT, 2), (signal.SIGHUP, 1), (signal.SIGKILL, 1)):
         run = cli.start("run", "long.yaml", "--jobs", jobs)
         wait_for_cells(cli.folder / "results", kept + 1)
         run.send_signal(ending)
@@ -160,19 +160,6 @@ def test_an_interrupted_run_goes_on(cli, whole):
     done = cli("run", "long.yaml").stdout
     assert "24 ok (" in done
     assert csv(cli.folder / "results", "long") == whole
-
-
-def test_one_run_at_a_time(cli):
-    """The second run of a folder is refused in one line that names the first."""
-    cli.write("long.yaml", LONG)
-    run = cli.start("run", "long.yaml")
-    wait_for_cells(cli.folder / "results", 1)
-    line = cli.refused("run", "pendulum-u")
-    assert f"results: in use by 'run long', process {run.pid} on " in line
-    run.kill()
-    run.communicate()
-    cli.write("quick.yaml", QUICK)
-    cli("run", "quick.yaml")
 
 
 def test_a_cell_that_hangs_or_dies_fails_alone(cli):
@@ -240,20 +227,16 @@ def measured(folder):
     return found, {row["status"] for row in rows}
 
 
-@pytest.mark.parametrize(
-    ("what", "reason"),
-    [
-        ("hang", "no reference at t = 1: took longer than 3 s"),
-        ("exit", "no reference at t = 1: its process ended with code 3"),
-        ("leave", f"no reference at t = 1: mine.py, line {line_of('SystemExit')}: SystemExit: 0"),
-        (
-            "raise",
-            f"no reference at t = 1: mine.py, line {line_of('RuntimeError')}: "
-            "RuntimeError: not after 0.5",
-        ),
-    ],
-)
-def test_references_that_never_come(cli, what, reason):
+REASONS = {
+    "hang": "took longer than 3 s",
+    "exit": "its process ended with code 3",
+    "leave": f"mine.py, line {line_of('SystemExit')}: SystemExit: 0",
+    "raise": f"mine.py, line {line_of('RuntimeError')}: RuntimeError: not after 0.5",
+}
+
+
+@pytest.mark.parametrize("what", REASONS)
+def test_references_that_never_come(cli, what):
     """They cost the cells that need them only the error; why is told once, kept, and recorded."""
     cli.write("quick.yaml", QUICK)
     cli.write("mine.py", SWING)
@@ -261,15 +244,15 @@ def test_references_that_never_come(cli, what, reason):
     patience = 3 if what == "hang" else 60
     arguments = ("errors.yaml", "quick.yaml", "--allow-code", "--timeout", patience)
     done = cli("run", *arguments, "-q", code=1)
-    label = f"mine.py:swing(what={what} steps=10)"
-    complaint = f"newmark-study: errors: 2 of 2 cells measured no error: {label}: {reason}\n"
+    why = f"mine.py:swing(what={what} steps=10): no reference at t = 1: {REASONS[what]}"
+    complaint = f"newmark-study: errors: 2 of 2 cells measured no error: {why}\n"
     assert (done.stdout, done.stderr) == ("", complaint)
     empty = {quantity: [("", "")] * 2 for quantity in ("u", "v", "lambda")}
     assert measured(cli.folder) == (empty, {"ok"})
     record = json.loads((cli.folder / "results/errors.json").read_text())
-    assert [cell["lacks"] for cell in record["cells"]] == [[f"{label}: {reason}"]] * 2
+    assert [cell["lacks"] for cell in record["cells"]] == [[why]] * 2
     dry = cli("run", *arguments, "--dry-run").stdout.splitlines()
-    assert len([line for line in dry if line.endswith(f"{reason}; a run tries again")]) == 2
+    assert sum(line.endswith(f"{REASONS[what]}; a run tries again") for line in dry) == 2
     assert dry[-1] == "0 of 6 cells to run"
 
 
@@ -313,21 +296,22 @@ def test_reasons_are_told_once_for_each(cli):
 
 def test_what_is_accepted_is_not_part_of_a_cell(cli):
     """Studies that share cells compute them once, whatever each accepts, however it spells them."""
-    cli.write("one.yaml", CAPPED.replace("quick", "one"))
-    cli.write("two.yaml", CAPPED.replace("quick", "two") + "accept: not_converged\n")
-    cli.write("three.yaml", CAPPED.replace("quick", "three") + "linear_solver: dense-lu\n")
+    accepting = "accept: not_converged\n"
+    more = {"one": "", "two": accepting, "three": "linear_solver: dense-lu\n"}
+    for name, text in more.items():
+        cli.write(f"{name}.yaml", CAPPED.replace("quick", name) + text)
     done = cli("run", "one.yaml", "two.yaml", "three.yaml", "-v", code=1)
     assert done.stderr.startswith("4 cells on ")
     assert [line.split(": ", 1)[1] for line in done.stderr.splitlines()[5:]] == [
         f"{name}: 4 of 4 cells ended with status not_converged" for name in ("one", "three")
     ]
     assert len(list((cli.folder / "results/cells").iterdir())) == 4
-    rows = [
+    one, two, three = (
         [line.split(b",", 1)[1] for line in csv(cli.folder / "results", name).splitlines()]
-        for name in ("one", "two", "three")
-    ]
-    assert rows[0] == rows[1] == rows[2]
-    cli.write("one.yaml", CAPPED.replace("quick", "one") + "accept: not_converged\n")
+        for name in more
+    )
+    assert one == two == three
+    cli.write("one.yaml", CAPPED.replace("quick", "one") + accepting)
     assert cli("run", "one.yaml").stdout == "one: 4 not_converged (4 cached) -> results/one.csv\n"
 
 
@@ -352,9 +336,8 @@ def test_workers_end_with_their_run(cli):
 
 
 def test_interrupts_are_for_the_run(cli):
-    """Ctrl-C goes to all processes of a terminal; one line, at every moment."""
-    moments = ((0, signal.SIGINT), (None, signal.SIGTERM))
-    require_interrupts_taken(cli, moments, "1 cell on 1 process\n")
+    """Signals go to all processes of a terminal; the run answers, in one line."""
+    require_interrupts_taken(cli, [(None, signal.SIGTERM)], "1 cell on 1 process\n")
 
 
 def test_a_terminal_shows_progress(cli, quick):
@@ -363,25 +346,18 @@ def test_a_terminal_shows_progress(cli, quick):
     def shown(*arguments, **environment):
         return on_a_terminal(cli, "run", "quick.yaml", *arguments, stream="stderr", **environment)
 
-    def lines(text):
-        return re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", text))
-
-    first = shown("--jobs", "1")
+    first = shown("--jobs", "1", "-v")
     assert "\x1b[3" in first, "coloured"
-    assert "4 cells on 1 thread" in lines(first)
-    assert any("0% 0 done, 0 failed, 4 left" in line for line in lines(first))
-    assert any("100% 4 done, 0 failed, 0 left" in line for line in lines(first))
-    assert shown() == ""
-    assert shown("--force", "-q") == ""
-    plain = shown("--force", NO_COLOR="1")
-    assert "100% 4 done" in plain
-    assert not re.search(r"\x1b\[[0-9;]*m", plain), "no colour"
-    dumb = shown("--force", TERM="dumb")
-    assert "\x1b" not in dumb
-    assert "100% 4 done, 0 failed, 0 left" in dumb
-    verbose = lines(shown("--force", "-v"))
-    assert sum(": ok, " in line for line in verbose) == 4
-    assert any("100% 4 done" in line for line in verbose)
+    lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", first))
+    assert "4 cells on 1 thread" in lines
+    assert sum(": ok, " in line for line in lines) == 4
+    for counts in ("0% 0 done, 0 failed, 4 left", "100% 4 done, 0 failed, 0 left"):
+        assert any(counts in line for line in lines)
+    assert shown() == shown("--force", "-q") == ""
+    for environment, codes in (({"NO_COLOR": "1"}, r"\x1b\[[0-9;]*m"), ({"TERM": "dumb"}, r"\x1b")):
+        plain = shown("--force", **environment)
+        assert "100% 4 done" in plain
+        assert not re.search(codes, plain)
 
 
 (cell, *_) = config.load_shipped("pendulum-u").cells()
@@ -427,21 +403,17 @@ def test_outcomes_are_kept_to_the_bit(tmp_path_factory, found, status, met, lack
 
 def test_a_release_lets_nothing_be_computed_again(monkeypatch):
     """The key of a kept cell follows code and libraries, not the number of the version."""
-    found = {}
 
-    def clear():
+    def core():
         store.core.cache_clear()
         store.versions.cache_clear()
+        return store.core()
 
-    before = store.core()
+    before = core()
     monkeypatch.setattr(newmark_cli, "__version__", "99.0")
-    clear()
-    found["release"], told = store.core(), store.versions()["newmark-study"]
+    released = core(), store.versions()["newmark-study"]
     monkeypatch.setattr(store, "version", lambda name: "99.0")
-    clear()
-    found["libraries"] = store.core()
+    others = core()
     monkeypatch.undo()
-    clear()
-    assert told == "99.0"
-    assert found["release"] == before == store.core()
-    assert found["libraries"] != before
+    assert released == (before, "99.0")
+    assert others != before == core()

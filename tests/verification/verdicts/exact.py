@@ -26,21 +26,13 @@ SPECIAL: dict[str, tuple[str, Any, list[float], list[float], int]] = {
     "rheonomic_pendulum.py:pendulum": ("shaken", np.eye(2), [0.8, -0.6], [0.0, 0.5], 1),
     "bead.py:bowl": ("bowl", 0.5 * np.eye(3), [1.0, 0.0, 0.5], [0.0, 1.5, 0.0], 1),
     "bead.py:floor": (
-        "floor",
-        0.5 * np.eye(3),
-        [0.3, 0.2, 0.2 * math.sin(0.9) * math.cos(0.4)],
-        [0.0, 0.0, 0.0],
-        1,
+        "floor", 0.5 * np.eye(3), [0.3, 0.2, 0.2 * math.sin(0.9) * math.cos(0.4)], [0.0] * 3, 1,
     ),
     "charged.py:bead": ("charged", np.eye(3), [1.0, 0.0, 0.0], [0.0, 2.0, 0.5], 1),
     "car_axis.py:car_axis": (
-        "car-axis",
-        0.0005 * np.eye(4),
-        [0.0, 0.5, 1.0, 0.5],
-        [-0.5, 0.0, -0.5, 0.0],
-        2,
+        "car-axis", 0.0005 * np.eye(4), [0.0, 0.5, 1.0, 0.5], [-0.5, 0.0, -0.5, 0.0], 2,
     ),
-}
+}  # fmt: skip
 
 
 def read_yaml(path: Path) -> Any:
@@ -103,9 +95,8 @@ class Mechanism:
             self._mass(name, name, point.get("mass", 0))
             self._load(name, point.get("mass", 0) * gravity)
         for bar in data.get("bars", {}).values():
-            self._constraint(
-                "distance", self._difference(bar["from"], bar["to"]), [bar["length"] ** 2]
-            )
+            site = self._difference(bar["from"], bar["to"])
+            self._constraint("distance", site, [bar["length"] ** 2])
         for slider in data.get("sliders", {}).values():
             normal = 1j * cmath.exp(1j * cmath.phase(complex(*slider["direction"])))
             level = (normal.conjugate() * complex(*slider["through"])).real
@@ -244,12 +235,8 @@ def run(name: str) -> None:
         if t_end / min(steps) <= 20_000:
             arguments += [f"{label}:{min(steps) / 2!r}"]
     print(f"{name}: {len(arguments)} marches", flush=True)
-    done = subprocess.run(
-        [SOURCE.with_suffix(""), text, repr(t_end), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [SOURCE.with_suffix(""), text, repr(t_end), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         print(f"{name}: march ended with {done.returncode}: {done.stderr}")
         return

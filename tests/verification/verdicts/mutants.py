@@ -12,8 +12,8 @@ every one that passes, with its values and those without the mutation.  Exits wi
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
 from functools import cache
 from typing import Any
 from unittest.mock import patch
@@ -21,11 +21,16 @@ from unittest.mock import patch
 import judge
 import numpy as np
 import pandas as pd
-import running
 import strangers
-from running import decided
+from judge import decided
+from numba import njit
 from strangers import LISTS
 from truth import STATISTIC
+
+import newmark_cli as newmark
+from newmark_cli.newmark.march import March
+from newmark_cli.problems.index_1 import Index1
+from newmark_cli.study import compute, observers
 
 ERRORS = {("error", "u"), ("error", "v"), ("error", "lambda")}
 OF_MULTIPLIERS = {("error", "lambda"), ("invariant", "multiplier")}
@@ -35,98 +40,56 @@ CORRECTIONS = {
     for quantity in ("u", "v", "a", "lambda")
 }
 
-
-@dataclass(frozen=True)
-class Mutation:
-    """A change of the core.
-
-    Attributes:
-        reaches: Measures and quantities that it makes wrong; others may change in size only.
-        applied: Context in which marches are wrong.
-    """
-
-    reaches: set[tuple[str, str]]
-    applied: Callable[[], Any]
-
-
 # -- what a march gives -------------------------------------------------------------------------
 
 
-@contextmanager
-def _reported(change: Callable[[Any, Any], Any]) -> Iterator[None]:
+def reported(change: Callable[[Any, Any], Any]) -> AbstractContextManager[Any]:
     """Multipliers as a march reports them, changed."""
-    from newmark_cli.newmark.march import March
-
     given = March.multipliers.fget  # type: ignore[attr-defined]
-    with patch.object(March, "multipliers", property(lambda march: change(march, given(march)))):
-        yield
+    return patch.object(March, "multipliers", property(lambda march: change(march, given(march))))
 
 
-@contextmanager
-def _recorded(power: float) -> Iterator[None]:
+def recorded(power: float) -> AbstractContextManager[Any]:
     """Recorded corrections times a power of h."""
-    from newmark_cli.newmark.march import March
-
     advance = March.advance
 
     def changed(march: Any, *arguments: Any) -> Any:
         stretch = advance(march, *arguments)
         return replace(stretch, norms=stretch.norms * march.scheme.h**power)
 
-    with patch.object(March, "advance", changed):
-        yield
+    return patch.object(March, "advance", changed)
 
 
-@contextmanager
-def _conditions(power: float) -> Iterator[None]:
+def conditions(power: float) -> AbstractContextManager[Any]:
     """Condition numbers times a power of h."""
-    from newmark_cli.study import compute, observers
-
     observe = observers.OBSERVERS["condition"]
 
-    class Changed:
-        def __init__(self, cell: Any, inner: Any) -> None:
-            self._h, self._inner = cell.h, inner
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._inner, name)
-
-        def measured(self) -> Any:
-            return [
-                replace(
-                    one,
-                    statistics=replace(
-                        one.statistics, median=self._h**power * one.statistics.median
-                    ),
-                )
-                for one in self._inner.measured()
-            ]
-
     def changed(cell: Any, *arguments: Any) -> Any:
-        return Changed(cell, observe(cell, *arguments))
+        observer = observe(cell, *arguments)
+        measured = observer.measured
 
-    with patch.object(compute, "OBSERVERS", {**observers.OBSERVERS, "condition": changed}):
-        yield
+        def times() -> Any:
+            for one in measured():
+                median = cell.h**power * one.statistics.median
+                yield replace(one, statistics=replace(one.statistics, median=median))
+
+        observer.measured = lambda: [*times()]
+        return observer
+
+    return patch.object(compute, "OBSERVERS", {**observers.OBSERVERS, "condition": changed})
 
 
 # -- what a march is given ----------------------------------------------------------------------
 
 
 @contextmanager
-def _given(problem: Any = None, scheme: Any = None, state: Any = None) -> Iterator[None]:
+def given(problem: Any = None, scheme: Any = None, state: Any = None) -> Iterator[None]:
     """Marches of another problem, with another scheme, or from another state."""
-    from newmark_cli.newmark.march import March
-
     begin = March.__init__
 
     def changed(march: Any, of: Any, by: Any, *arguments: Any, **others: Any) -> None:
-        begin(
-            march,
-            problem(of) if problem else of,
-            scheme(by) if scheme else by,
-            *arguments,
-            **others,
-        )
+        of, by = problem(of) if problem else of, scheme(by) if scheme else by
+        begin(march, of, by, *arguments, **others)
         if state:
             state(march.state)
 
@@ -134,54 +97,44 @@ def _given(problem: Any = None, scheme: Any = None, state: Any = None) -> Iterat
         yield
 
 
-def _order_1(scheme: Any) -> Any:
+def order_1(scheme: Any) -> Any:
     """The same scheme with γ too large by 0.1, and β by 0.06, which keeps it stable."""
     relations, found, h = scheme.relations, replace(scheme), scheme.h
     v_past, u_past = relations.v_past.copy(), relations.u_past.copy()
     v_past[2] -= 0.1 * h
     u_past[2] -= 0.06 * h**2
     found.__dict__["relations"] = replace(
-        relations,
-        v_from_a=relations.v_from_a + 0.1 * h,
-        u_from_a=relations.u_from_a + 0.06 * h**2,
-        v_past=v_past,
-        u_past=u_past,
-    )
+        relations, v_from_a=relations.v_from_a + 0.1 * h, v_past=v_past,
+        u_from_a=relations.u_from_a + 0.06 * h**2, u_past=u_past,
+    )  # fmt: skip
     return found
 
 
-def _without_a(state: Any) -> None:
+def without_a(state: Any) -> None:
     """A start that has forgotten the acceleration."""
     state.past[2:] = 0
 
 
 @cache
-def _function(base: Any, kind: str, row: int, column: int) -> Any:
+def function(base: Any, kind: str, row: int, column: int) -> Any:
     """A problem's function with a mistake in it."""
-    from numba import njit
-
-    tangent_x = kind == "tangent-X"
-    tangent_y = kind == "tangent-Y"
-    tangent_g = kind == "tangent-G"
-    all_of_g = kind == "G"
-    force_only = kind == "force"
+    of_x, of_y, of_g, all_of_g = (
+        kind == name for name in ("tangent-X", "tangent-Y", "tangent-G", "G")
+    )
 
     @njit(error_model="numpy")
     def changed(t, u, v, multipliers, ints, reals, force, phi, x, y, g):
         base(t, u, v, multipliers, ints, reals, force, phi, x, y, g)
-        if tangent_x:
-            for k in range(len(x)):
-                x[k] = -x[k]
-        if tangent_y:
-            for k in range(len(y)):
-                y[k] = -y[k]
-        if tangent_g:
-            for k in range(len(g)):
-                g[k] = -g[k]
-        if all_of_g:
+        if of_x:
+            x[:] = -x
+        elif of_y:
+            y[:] = -y
+        elif of_g:
+            g[:] = -g
+        elif all_of_g:
             force[row] += 0.1 * g[0] * multipliers[column]
             g[0] *= 1.1
-        if force_only:
+        else:
             force[row] *= 1.01
 
     return changed
@@ -190,61 +143,57 @@ def _function(base: Any, kind: str, row: int, column: int) -> Any:
 _changed: dict[tuple[int, str], tuple[Any, Any]] = {}
 
 
-def _with(kind: str) -> Callable[[], Any]:
+def mistaken(kind: str) -> AbstractContextManager[Any]:
     """Marches of a problem whose function has a mistake."""
 
     def changed(problem: Any) -> Any:
         if (id(problem), kind) not in _changed:
             row, column = (int(at[0]) for at in (problem.pattern.g_rows, problem.pattern.g_columns))
             if kind == "force":
-                row = int(np.argmax(np.abs(problem.evaluate(
-                    problem.t0, problem.u0, problem.v0, np.zeros(problem.m)).force)))  # fmt: skip
-            function = _function(problem.function, kind, row, column)
-            found = replace(problem, function=function, code=kind)
-            _changed[id(problem), kind] = problem, found
+                at_start = problem.evaluate(problem.t0, problem.u0, problem.v0, np.zeros(problem.m))
+                row = int(np.argmax(np.abs(at_start.force)))
+            wrong = function(problem.function, kind, row, column)
+            _changed[id(problem), kind] = problem, replace(problem, function=wrong, code=kind)
         return _changed[id(problem), kind][1]
 
-    return lambda: _given(problem=changed)
+    return given(problem=changed)
 
 
-def _size(march: Any) -> float:
+def size(march: Any) -> float:
     """Size of the multipliers at the start."""
-    from newmark_cli.problems.index_1 import Index1
-
     problem = march.problem
     _, at_start = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
     return float(np.abs(at_start).max(initial=0.0)) or 1.0
 
 
-MUTATIONS = {
-    "lambda-plus-1": Mutation(OF_MULTIPLIERS, lambda: _reported(lambda march, x: x + 1.0)),
-    "lambda-plus-its-size": Mutation(
-        OF_MULTIPLIERS, lambda: _reported(lambda march, x: x + _size(march))
+Mutation = tuple[set[tuple[str, str]], Callable[[], AbstractContextManager[Any]]]
+#: Name → measures and quantities that a mutation makes wrong, while others may change in size
+#: only, and a context in which marches are wrong.
+MUTATIONS: dict[str, Mutation] = {
+    "lambda-plus-1": (OF_MULTIPLIERS, lambda: reported(lambda march, x: x + 1.0)),
+    "lambda-plus-its-size": (OF_MULTIPLIERS, lambda: reported(lambda march, x: x + size(march))),
+    "lambda-negative": (OF_MULTIPLIERS, lambda: reported(lambda march, x: -x)),
+    "lambda-times-1-plus-h": (
+        OF_MULTIPLIERS, lambda: reported(lambda march, x: x * (1 + march.scheme.h)),
     ),
-    "lambda-negative": Mutation(OF_MULTIPLIERS, lambda: _reported(lambda march, x: -x)),
-    "lambda-times-1-plus-h": Mutation(
-        OF_MULTIPLIERS, lambda: _reported(lambda march, x: x * (1 + march.scheme.h))
-    ),
-    "gamma": Mutation(ERRORS, lambda: _given(scheme=_order_1)),
-    "start-without-a": Mutation(ERRORS, lambda: _given(state=_without_a)),
-    "tangent-X": Mutation(ERRORS | CORRECTIONS, _with("tangent-X")),
-    "tangent-Y": Mutation(ERRORS | CORRECTIONS, _with("tangent-Y")),
-    "tangent-G": Mutation(ERRORS | CORRECTIONS, _with("tangent-G")),
-    "wrong-G": Mutation(ERRORS | CORRECTIONS, _with("G")),
-    "wrong-force": Mutation(ERRORS, _with("force")),
-    "corrections-times-h": Mutation(CORRECTIONS, lambda: _recorded(1.0)),
-    "corrections-over-h": Mutation(CORRECTIONS, lambda: _recorded(-1.0)),
-    "condition-times-h": Mutation({("condition", "jacobian")}, lambda: _conditions(1.0)),
-    "condition-over-root-h": Mutation({("condition", "jacobian")}, lambda: _conditions(-0.5)),
-}
+    "gamma": (ERRORS, lambda: given(scheme=order_1)),
+    "start-without-a": (ERRORS, lambda: given(state=without_a)),
+    "tangent-X": (ERRORS | CORRECTIONS, lambda: mistaken("tangent-X")),
+    "tangent-Y": (ERRORS | CORRECTIONS, lambda: mistaken("tangent-Y")),
+    "tangent-G": (ERRORS | CORRECTIONS, lambda: mistaken("tangent-G")),
+    "wrong-G": (ERRORS | CORRECTIONS, lambda: mistaken("G")),
+    "wrong-force": (ERRORS, lambda: mistaken("force")),
+    "corrections-times-h": (CORRECTIONS, lambda: recorded(1.0)),
+    "corrections-over-h": (CORRECTIONS, lambda: recorded(-1.0)),
+    "condition-times-h": ({("condition", "jacobian")}, lambda: conditions(1.0)),
+    "condition-over-root-h": ({("condition", "jacobian")}, lambda: conditions(-0.5)),
+}  # fmt: skip
 
 # -- series with and without ----------------------------------------------------------------------
 
 
 def judged(rows: pd.DataFrame, alike: str) -> dict[tuple[str, ...], tuple[Any, Any, Any]]:
     """Series → h and values, large steps first, and what is said of it; `alike` names a problem."""
-    import newmark_cli as newmark
-
     fits, found = newmark.slopes(rows), {}
     named = [key for key in judge.KEY if key not in ("study", "problem")]
     for frame in (fits, rows):
@@ -265,15 +214,13 @@ def shift(h: Any, values: Any, before: Any) -> float:
         return np.nan
     with np.errstate(all="ignore"):
         ratio = np.log(values / before)
-    if not np.isfinite(ratio).all():
-        return np.nan
-    return float(np.polyfit(np.log(h), ratio, 1)[0])
+    return float(np.polyfit(np.log(h), ratio, 1)[0]) if np.isfinite(ratio).all() else np.nan
 
 
-def compared(name: str, mutation: Mutation, clean: Any, wrong: Any) -> Iterator[dict[str, Any]]:
+def compared(name: str, clean: Any, wrong: Any) -> Iterator[dict[str, Any]]:
     """What became of each series that a mutation reaches."""
     for key, (h, values, fit) in wrong.items():
-        if (fit["measure"], fit["quantity"]) not in mutation.reaches or key not in clean:
+        if (fit["measure"], fit["quantity"]) not in MUTATIONS[name][0] or key not in clean:
             continue
         _, before, fit_before = clean[key]
         changed = shift(h, values, before)
@@ -282,59 +229,46 @@ def compared(name: str, mutation: Mutation, clean: Any, wrong: Any) -> Iterator[
         off = fit_before["slope"] - fit["expected"]
         mended = abs(off + changed) < abs(off)
         yield {
-            "mutation": name,
-            "series": " ".join(filter(None, map(str, key))),
-            "wrong": abs(changed) > 2 * tolerance and not mended,
-            "verdict": decided(fit["verdict"]),
-            "without": decided(fit_before["verdict"]),
-            "shift": changed,
-            "slope": fit["slope"],
-            "expected": fit["expected"],
-            "h": h,
-            "values": values,
-            "before": before,
-            "said": fit["reason"],
-        }
+            "mutation": name, "series": " ".join(filter(None, map(str, key))),
+            "kind": "wrong" if abs(changed) > 2 * tolerance and not mended else "as good",
+            "verdict": decided(fit["verdict"]), "without": decided(fit_before["verdict"]),
+            "shift": changed, "slope": fit["slope"], "expected": fit["expected"],
+            "h": h, "values": values, "before": before, "said": fit["reason"],
+        }  # fmt: skip
 
 
 def main() -> int:
-    parser = running.options(__doc__.splitlines()[0])
+    parser = judge.options(__doc__)
     parser.add_argument("--count", type=int, default=50, help="mechanisms of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", nargs="+", choices=strangers.KINDS, default=[*strangers.KINDS])
     parser.add_argument("--mutations", nargs="+", choices=MUTATIONS, default=[*MUTATIONS])
-    given = running.parsed(parser)
-    import newmark_cli as newmark
-
+    asked = parser.parse_args()
     found: list[dict[str, Any]] = []
-    every = strangers.strangers(given.count, given.seed, given.kinds)
+    every = strangers.strangers(asked.count, asked.seed, asked.kinds)
     for number, stranger in enumerate(every):
         # Every mutation meets every kind and every list.
-        name = given.mutations[number % len(given.mutations)]
-        mutation = MUTATIONS[name]
-        steps = list(LISTS)[(number // len(given.mutations) + number) % len(LISTS)]
-        paths = strangers.write(given.results, stranger)
-        path = next(path for path in paths if path.stem == f"{stranger.name}-{steps}")
+        name = asked.mutations[number % len(asked.mutations)]
+        steps = list(LISTS)[(number // len(asked.mutations) + number) % len(LISTS)]
+        path = strangers.write(asked.results, stranger)[steps]
         try:
-            clean = newmark.run(path, results=given.results / "results", jobs=1)
-            with ExitStack() as stack:
-                stack.enter_context(mutation.applied())
+            clean = newmark.run(path, results=asked.results / "results", jobs=1)
+            with MUTATIONS[name][1]():
                 wrong = newmark.run(path, jobs=1)
         except newmark.InputError as error:
             print(f"{path.name}, {name}: {error}")
             continue
-        pair = (judged(rows, stranger.name) for rows in (clean, wrong))
-        found += compared(name, mutation, *pair)
+        found += compared(name, *(judged(rows, stranger.name) for rows in (clean, wrong)))
         print(f"{stranger.name}, {name}, {steps}", file=sys.stderr, flush=True)
     return report(pd.DataFrame(found))
 
 
 def report(frame: pd.DataFrame) -> int:
     """Print verdicts by mutation, and what passes."""
-    frame["kind"] = np.where(frame["wrong"], "wrong", "as good")
     print(pd.crosstab([frame["mutation"], frame["kind"]], frame["verdict"]).to_string())
-    passed = frame[frame["wrong"] & (frame["verdict"] == "pass")]
-    print(f"\nwrong series: {int(frame['wrong'].sum())}; of them pass: {len(passed)}")
+    wrong = frame[frame["kind"] == "wrong"]
+    passed = wrong[wrong["verdict"] == "pass"]
+    print(f"\nwrong series: {len(wrong)}; of them pass: {len(passed)}")
     for _, row in passed.iterrows():
         print(f"{row['mutation']}: {row['series']}")
         print(
@@ -343,7 +277,7 @@ def report(frame: pd.DataFrame) -> int:
         )
         for what in ("h", "values", "before"):
             print(f"    {what:7}" + " ".join(f"{x:.3g}" for x in row[what]))
-    return 1 if len(passed) else 0
+    return int(len(passed) > 0)
 
 
 if __name__ == "__main__":

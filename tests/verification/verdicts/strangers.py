@@ -17,9 +17,8 @@ from typing import Any, NamedTuple
 import judge
 import numpy as np
 import pandas as pd
-import running
 import yaml
-from running import RED, decided
+from judge import RED, decided
 
 Random = np.random.Generator
 Data = dict[str, Any]
@@ -177,11 +176,9 @@ def slider_crank(random: Random) -> Data:
 
 
 KINDS = {
-    "pendulum": pendulum,
-    "double-pendulum": double_pendulum,
-    "four-bar": four_bar,
+    "pendulum": pendulum, "double-pendulum": double_pendulum, "four-bar": four_bar,
     "slider-crank": slider_crank,
-}
+}  # fmt: skip
 
 
 def strangers(count: int, seed: int, kinds: Any = tuple(KINDS)) -> list[Stranger]:
@@ -195,31 +192,25 @@ def strangers(count: int, seed: int, kinds: Any = tuple(KINDS)) -> list[Stranger
     return found
 
 
-def study_of(stranger: Stranger, steps: str) -> Data:
-    """The study of a mechanism with one of the lists; pendulums' have more measures."""
-    measures = ["correction", "condition", "error", "invariant"]
-    fine = steps == "finer-decades"
-    return {
-        "study": f"{stranger.name}-{steps}",
-        "problem": f"{stranger.name}.yaml",
-        "form": list(FORMS[:1] if fine else FORMS),
-        "preconditioning": "optimal" if fine else "none",
-        "integrator": list(INTEGRATORS),
-        "measure": measures + (["sensitivity"] if steps == "finer-halves" else []),
-        "h": LISTS[steps],
-        "t_end": stranger.t_end,
-    }
-
-
-def write(folder: Path, stranger: Stranger) -> list[Path]:
-    """Write a mechanism and its studies; the paths of the studies."""
+def write(folder: Path, stranger: Stranger) -> dict[str, Path]:
+    """Write a mechanism and its studies; name of a list of step sizes → path of its study."""
     folder.mkdir(parents=True, exist_ok=True)
     _dump(folder / f"{stranger.name}.yaml", stranger.data)
-    paths = []
-    for steps in LISTS:
-        path = folder / f"{stranger.name}-{steps}.yaml"
-        _dump(path, study_of(stranger, steps))
-        paths.append(path)
+    paths = {steps: folder / f"{stranger.name}-{steps}.yaml" for steps in LISTS}
+    for steps, path in paths.items():
+        fine = steps == "finer-decades"
+        measures = ["correction", "condition", "error", "invariant"]
+        study = {
+            "study": path.stem,
+            "problem": f"{stranger.name}.yaml",
+            "form": list(FORMS[:1] if fine else FORMS),
+            "preconditioning": "optimal" if fine else "none",
+            "integrator": list(INTEGRATORS),
+            "measure": measures + (["sensitivity"] if steps == "finer-halves" else []),
+            "h": LISTS[steps],
+            "t_end": stranger.t_end,
+        }
+        _dump(path, study)
     return paths
 
 
@@ -228,23 +219,22 @@ def _dump(path: Path, data: Data) -> None:
 
 
 def main() -> int:
-    parser = running.options(__doc__.splitlines()[0])
+    parser = judge.options(__doc__)
     parser.add_argument("--count", type=int, default=50, help="mechanisms of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--jobs", type=int, default=1)
-    given = running.parsed(parser)
+    given = parser.parse_args()
     import newmark_cli as newmark
 
     results, frames = given.results / "results", []
     for stranger in strangers(given.count, given.seed, given.kinds):
-        for path in write(given.results, stranger):
+        for steps, path in write(given.results, stranger).items():
             try:
-                rows = newmark.run(path, results=results, jobs=given.jobs)
+                rows = newmark.run(path, results=results, jobs=1)
             except newmark.InputError as error:
                 print(f"{path.name}: {error}")
                 continue
-            frames.append(newmark.slopes(rows).assign(steps=path.stem[len(stranger.name) + 1 :]))
+            frames.append(newmark.slopes(rows).assign(steps=steps))
         print(f"{stranger.name} done", file=sys.stderr, flush=True)
     every = pd.concat(frames, ignore_index=True)
     every["kind"] = every["problem"].str.replace(r"-\d+\.yaml$", "", regex=True)
@@ -253,16 +243,15 @@ def main() -> int:
         print(pd.crosstab(every[rows], every["verdict"], margins=True).to_string(), "\n")
     every[judge.KEY] = every[judge.KEY].astype(object).fillna("").astype(str)
     red = every[every["verdict"].isin(RED)].assign(label="right")
-    undamped = red["integrator"].str.startswith("newmark") & red["quantity"].isin(
-        ["lambda", "multiplier"]
-    )
+    undamped = red["integrator"].str.startswith("newmark")
+    undamped &= red["quantity"].isin(["lambda", "multiplier"])
     missed = red["verdict"] == "miss"
     judge.listed("misses", red[missed])
     judge.listed("not converging", red[~missed & ~undamped])
     judge.listed("not converging, multipliers that nothing damps", red[~missed & undamped])
     misses = int(missed.sum())
     print(f"\n{len(every)} series: {misses} miss, {len(red) - misses} do not converge")
-    return 1 if misses else 0
+    return int(misses > 0)
 
 
 if __name__ == "__main__":

@@ -31,14 +31,8 @@ import numpy as np
 import pandas as pd
 from exact import HERE, RUNS, SOURCE
 
-ORDER, FLOOR, WRONG, EARLY, FEW, NONE = (
-    "order",
-    "floor",
-    "wrong",
-    "preasymptotic",
-    "too few",
-    "nothing predicted",
-)
+ORDER, FLOOR, WRONG = "order", "floor", "wrong"
+EARLY, FEW, NONE = "preasymptotic", "too few", "nothing predicted"
 KEY = [
     "study", "problem", "integrator", "form", "preconditioning", "evaluation", "quantity",
     "measure", "row_block", "start",
@@ -51,24 +45,15 @@ Numbers = Sequence[Any] | np.ndarray[Any, Any]
 SINGULAR = ("parallelogram", "folding-slider")
 #: What is drawn of each measure.
 STATISTIC = {
-    "correction": "rms",
-    "physical_correction": "rms",
-    "condition": "median",
-    "sensitivity": "median",
-    "error": "last",
-    "invariant": "max",
-    "tolerance": "met",
-}
+    "correction": "rms", "physical_correction": "rms", "condition": "median",
+    "sensitivity": "median", "error": "last", "invariant": "max", "tolerance": "met",
+}  # fmt: skip
 UNDECIDED = "undecided"
 #: Verdicts that a label allows.
 ACCEPT = {
-    ORDER: "pass",
-    FLOOR: "pass",
-    WRONG: "not converging|miss",
-    EARLY: "not asymptotic|too few points",
-    FEW: "too few points|not asymptotic",
-    NONE: "shown",
-}
+    ORDER: "pass", FLOOR: "pass", WRONG: "not converging|miss",
+    EARLY: "not asymptotic|too few points", FEW: "too few points|not asymptotic", NONE: "shown",
+}  # fmt: skip
 #: Table 1 of the paper, two columns continued.
 CONDITION = {
     "none": dict(zip(conditions.FORMS, (-2, -3, -4, -3, -2, -2, -2), strict=True)),
@@ -87,16 +72,12 @@ class Series:
     def __init__(self, key: dict[str, Any], rows: pd.DataFrame) -> None:
         self.key = key
         rows = rows.sort_values("h", ascending=False)
-        self.h = rows["h"].to_numpy(float)
-        self.values = rows[STATISTIC[key["measure"]]].to_numpy(float)
-        self.zeros = rows["zeros"].to_numpy(float)
-        self.steps = rows["steps"].to_numpy(float)
+        columns = ("h", STATISTIC[key["measure"]], "zeros", "steps")
+        self.h, self.values, self.zeros, self.steps = (
+            rows[name].to_numpy(float) for name in columns
+        )
         self.ok = (rows["status"] == "ok").to_numpy()
-        self.newton = rows["newton_iterations"].to_numpy(float)
-
-    def orders(self) -> np.ndarray:
-        """Local orders between successive step sizes."""
-        return local(self.h, self.values)
+        self.orders = local(self.h, self.values)
 
 
 def local(h: Numbers, values: Numbers) -> np.ndarray:
@@ -105,19 +86,20 @@ def local(h: Numbers, values: Numbers) -> np.ndarray:
         return np.asarray(rise / run)
 
 
+def nothing(reason: str, also: str = "") -> dict[str, Any]:
+    """The verdict on a series of which nothing is predicted."""
+    return judged(NONE, math.nan, [], reason, also)
+
+
 def judged(label: str, order: float, h: Numbers, reason: str, also: str = "") -> dict[str, Any]:
     words = [*ACCEPT[label].split("|"), *filter(None, also.split("|"))]
     # One word for both reasons why nothing can be said.
     words += [UNDECIDED] if {"not asymptotic", "too few points"} & set(words) else []
-    accept = "|".join(dict.fromkeys(words))
+    low, high = (min(h), max(h)) if len(h) else (math.nan, math.nan)
     return {
-        "label": label,
-        "true_order": order,
-        "h_low": min(h) if len(h) else math.nan,
-        "h_high": max(h) if len(h) else math.nan,
-        "accept": accept,
-        "reason": reason,
-    }
+        "label": label, "true_order": order, "h_low": low, "h_high": high,
+        "accept": "|".join(dict.fromkeys(words)), "reason": reason,
+    }  # fmt: skip
 
 
 @functools.cache
@@ -132,6 +114,11 @@ def twin(study: str, integrator: str) -> list[dict[str, Any]]:
     found = exact_run(study)
     runs = [run for run in found["runs"] if run["integrator"] == integrator] if found else []
     return sorted(runs, key=lambda run: -run["h"])
+
+
+def same(run: dict[str, Any], h: float) -> bool:
+    """Whether a run has this step size."""
+    return abs(run["h"] / h - 1) < 1e-9
 
 
 def longest(flags: Numbers) -> slice:
@@ -166,13 +153,8 @@ def error(series: Series) -> dict[str, Any]:
     exact_e = np.array([run.get("error", {}).get(key["quantity"], math.nan) for run in runs])
     h, e = series.h, series.values
     if not np.isfinite(exact_e).any():
-        return judged(
-            NONE,
-            math.nan,
-            [],
-            "no 33-digit run to compare with",
-            "incomplete|not asymptotic|too few points",
-        )
+        also = "incomplete|not asymptotic|too few points"
+        return nothing("no 33-digit run to compare with", also)
     truth = np.array([exact_e[np.argmin(abs(exact_h - x))] for x in h])
     if at_rest(key["study"]) or (e == 0).all():
         return judged(FEW, p, [], "nothing moves: rounding, or zero", "shown|incomplete")
@@ -194,13 +176,7 @@ def error(series: Series) -> dict[str, Any]:
         # Not yet settled: another order, or steps too large?
         if len(q) > 2 and abs(q[-2] - final) < 0.05 and abs(final - round(final)) < 0.05:
             return judged(WRONG, final, h, f"another order; {reason}", also)
-        return judged(
-            EARLY,
-            p,
-            [],
-            f"truncation is not asymptotic; {reason}",
-            "shown" + ("|" + also if also else ""),
-        )
+        return judged(EARLY, p, [], f"truncation is not asymptotic; {reason}", f"shown|{also}")
     # Points at which truncation is asymptotic, and points that show it.
     good = np.zeros(len(h), bool)
     for i, x in enumerate(h):
@@ -223,13 +199,8 @@ def error(series: Series) -> dict[str, Any]:
         last, first, least = e[-1], e[0], np.nanmin(e)
     grows = np.isfinite(last) and (last >= 0.5 * first or last > 1)
     if grows and len(h) >= 3 and last > 3 * least:
-        return judged(
-            WRONG,
-            math.nan,
-            h,
-            f"rounding: ends above where it starts; {reason}",
-            "too few points|not asymptotic",
-        )
+        reason = f"rounding: ends above where it starts; {reason}"
+        return judged(WRONG, math.nan, h, reason, "too few points|not asymptotic")
     if len(h) < 3:
         return judged(FEW, p, points, reason, also)
     if clean.all() or (stretch.stop == len(h) and not good.all()):
@@ -247,16 +218,15 @@ def correction(series: Series) -> dict[str, Any]:
     p = physical(key)[key["quantity"]]
     if key["measure"] == "correction" and key["preconditioning"] in ("right", "optimal"):
         p -= SCALE[key["quantity"]]
-    h, values, q = series.h, series.values, series.orders()
+    h, values, q = series.h, series.values, series.orders
     also = "" if series.ok.all() else "incomplete"
     text = "local orders " + " ".join(f"{x:.2f}" for x in q)
     if (values == 0).all():
         return judged(FEW, p, [], "exact zeros at every h", "incomplete|shown")
     share = series.zeros / np.maximum(series.steps, 1)
     if (share > 0.9).any():
-        return judged(
-            FEW, p, [], f"exact zeros at {share.max():.0%} of the steps; {text}", "incomplete|shown"
-        )
+        reason = f"exact zeros at {share.max():.0%} of the steps; {text}"
+        return judged(FEW, p, [], reason, "incomplete|shown")
     if len(h) < 3:
         return judged(FEW, p, h, text, also)
     if at_rest(key["study"]):
@@ -275,18 +245,13 @@ def correction(series: Series) -> dict[str, Any]:
         if len(points) >= 3:
             if stretch.stop == len(h):
                 return judged(ORDER, p, points, text, also)
-            return judged(
-                FLOOR, p, points, f"tail is above rounding; {text}", also + "|miss|not asymptotic"
-            )
-        if key["study"] in SINGULAR:
-            return judged(
-                WRONG, math.nan, h, f"passes a singular position; {text}", also + "|not asymptotic"
-            )
-        if not good[-1] or (clean[-1] and not good.all()):
+            reason = f"tail is above rounding; {text}"
+            return judged(FLOOR, p, points, reason, also + "|miss|not asymptotic")
+        singular = key["study"] in SINGULAR
+        if not singular and (not good[-1] or (clean[-1] and not good.all())):
             return judged(EARLY, p, points, text, also)
-        return judged(
-            WRONG, math.nan, h, f"not the rounding of a step; {text}", also + "|not asymptotic"
-        )
+        why = "passes a singular position" if singular else "not the rounding of a step"
+        return judged(WRONG, math.nan, h, f"{why}; {text}", also + "|not asymptotic")
     # No level to compare with: nothing moves, or the run is not the same one.
     fine = np.abs(q - p) <= 0.25
     if fine.all():
@@ -314,13 +279,8 @@ def expected_level(series: Series) -> tuple[np.ndarray, np.ndarray]:
     model = np.array(found)
     if key["measure"] == "correction":
         names = [*conditions.FORMS[key["form"]][0], "lambda"]
-        right = [
-            conditions.factors(key["form"], key["preconditioning"], key["integrator"], h)[1][
-                names.index(key["quantity"])
-            ]
-            for h in series.h
-        ]
-        model = model / np.array(right)
+        how, place = (key["form"], key["preconditioning"], key["integrator"]), key["quantity"]
+        model /= [conditions.factors(*how, h)[1][names.index(place)] for h in series.h]
     with np.errstate(all="ignore"):
         return model, series.values / model
 
@@ -342,7 +302,7 @@ def start_matrices(study: str) -> dict[str, np.ndarray] | None:
 @functools.cache
 def run_matrices(study: str, integrator: str, h: float) -> list[dict[str, np.ndarray]]:
     for run in twin(study, integrator):
-        if abs(run["h"] / h - 1) < 1e-9 and run["states"]:
+        if same(run, h) and run["states"]:
             return conditions.matrices(SOURCE.with_suffix(""), RUNS / f"{study}.txt", run["states"])
     return []
 
@@ -356,7 +316,7 @@ def smooth(series: Series, p: float, truth: np.ndarray, far: float) -> dict[str,
         truth: Values without rounding at the same step sizes, NaN where unknown.
         far: Order found at much smaller step sizes.
     """
-    h, values, q = series.h, series.values, series.orders()
+    h, values, q = series.h, series.values, series.orders
     also = "" if series.ok.all() else "incomplete"
     ratio = values / truth
     reason = (
@@ -377,13 +337,8 @@ def smooth(series: Series, p: float, truth: np.ndarray, far: float) -> dict[str,
         return judged(ORDER if flags[-1] else FLOOR, p, points, reason, also)
     off = np.isfinite(truth) & (np.abs(ratio - 1) > 0.2)
     if off.any():
-        return judged(
-            WRONG,
-            math.nan,
-            h,
-            f"states of the run are rounding; {reason}",
-            also + "|not asymptotic|too few points",
-        )
+        reason = f"states of the run are rounding; {reason}"
+        return judged(WRONG, math.nan, h, reason, also + "|not asymptotic|too few points")
     return judged(EARLY, p, points, reason, also)
 
 
@@ -398,14 +353,13 @@ def condition(series: Series) -> dict[str, Any]:
     p = CONDITION[scaling][form]
     start = start_matrices(key["study"])
     if start is None:
-        return judged(NONE, math.nan, [], "no 33-digit run")
+        return nothing("no 33-digit run")
     far = far_order(lambda h: conditions.condition(form, scaling, integrator, h, *four(start)))
     truth = []
     for h in series.h:
         states = [start] if key["start"] == "yes" else run_matrices(key["study"], integrator, h)
-        found = [
-            conditions.condition(form, scaling, integrator, h, *four(state)) for state in states
-        ]
+        how = (form, scaling, integrator, h)
+        found = [conditions.condition(*how, *four(state)) for state in states]
         truth.append(float(np.median(found)) if found else math.nan)
     return smooth(series, p, np.array(truth), far)
 
@@ -414,18 +368,12 @@ def sensitivity(series: Series) -> dict[str, Any]:
     key = series.key
     start = start_matrices(key["study"])
     if start is None:
-        return judged(NONE, math.nan, [], "no 33-digit run")
+        return nothing("no 33-digit run")
+
+    how = (key["form"], key["preconditioning"], key["integrator"])
 
     def at(h: float) -> float:
-        return conditions.block(
-            key["form"],
-            key["preconditioning"],
-            key["integrator"],
-            h,
-            key["quantity"],
-            key["row_block"],
-            *four(start),
-        )
+        return conditions.block(*how, h, key["quantity"], key["row_block"], *four(start))
 
     far = far_order(at)
     return smooth(series, float(round(far)), np.array([at(h) for h in series.h]), far)
@@ -435,44 +383,27 @@ def invariant(series: Series) -> dict[str, Any]:
     key = series.key
     runs = twin(key["study"], key["integrator"])
     h, values = series.h, series.values
-    truth = np.array(
-        [
-            next(
-                (run["invariant"][key["quantity"]] for run in runs if abs(run["h"] / x - 1) < 1e-9),
-                math.nan,
-            )
-            for x in h
-        ]
-    )
-    reason = "measured/truncation " + " ".join(
-        f"{x:.3g}/{y:.3g}" for x, y in zip(values, truth, strict=True)
-    )
-    also = "pass" if series.ok.all() else "pass|incomplete"
+    known = [[run["invariant"][key["quantity"]] for run in runs if same(run, x)] for x in h]
+    truth = [found[0] if found else math.nan for found in known]
+    pairs = " ".join(f"{x:.3g}/{y:.3g}" for x, y in zip(values, truth, strict=True))
+    reason = f"measured/truncation {pairs}"
+    also = "" if series.ok.all() else "incomplete"
     if key["quantity"] == "position" or not np.isfinite(values).any():
-        return judged(
-            NONE, math.nan, [], f"rounding; {reason}", "" if series.ok.all() else "incomplete"
-        )
+        return nothing(f"rounding; {reason}", also)
     last, first = values[-1], values[0]
     if key["quantity"] == "multiplier" and len(h) > 2 and (last > 0.5 * first) and last > 1e-6:
         why = "truncation" if truth[-1] > 0.5 * truth[0] else "rounding"
-        return judged(
-            WRONG, math.nan, h, f"multipliers miss what u and v imply, by {why}; {reason}", "shown"
-        )
+        reason = f"multipliers miss what u and v imply, by {why}; {reason}"
+        return judged(WRONG, math.nan, h, reason, "shown")
     if last > 0.5 * first and last > 1e-6:
-        return judged(NONE, math.nan, [], f"does not fall; {reason}", "not converging")
-    return judged(
-        NONE, math.nan, [], reason, also + "|not asymptotic|too few points|not converging"
-    )
+        return nothing(f"does not fall; {reason}", "not converging")
+    return nothing(reason, f"pass|{also}|not asymptotic|too few points|not converging")
 
 
 JUDGES = {
-    "error": error,
-    "correction": correction,
-    "physical_correction": correction,
-    "condition": condition,
-    "sensitivity": sensitivity,
-    "invariant": invariant,
-}
+    "error": error, "correction": correction, "physical_correction": correction,
+    "condition": condition, "sensitivity": sensitivity, "invariant": invariant,
+}  # fmt: skip
 
 
 def all_series(folder: Path) -> list[Series]:
@@ -497,7 +428,7 @@ def unmeasured(frame: pd.DataFrame) -> pd.DataFrame:
     found: list[dict[Any, Any]] = []
     for row in frame.to_dict("records"):
         for run in twin(row["study"], row["integrator"]):
-            if abs(run["h"] / row["h"] - 1) < 1e-9:
+            if same(run, row["h"]):
                 for quantity, value in run.get("error", {}).items():
                     new = {"quantity": quantity, "measure": "error", "last": value, "zeros": 0}
                     found.append(dict(row) | new)
@@ -513,14 +444,14 @@ def main() -> None:
     known = {entry.problem: entry for entry in named.NAMED}
     for series in all_series(given.results):
         if series.key["study"] == named.STUDY:
-            entry = known[series.key["problem"]]
+            given_one = known[series.key["problem"]]
+            h = given_one.span or given_one.h
             verdict = judged(
-                entry.label, entry.order, entry.span or entry.h, entry.reason, entry.accept
+                given_one.label, given_one.order, h, given_one.reason, given_one.accept
             )
-            rows.append({**series.key, **verdict})
-            continue
-        judge = JUDGES.get(series.key["measure"])
-        verdict = judge(series) if judge else judged(NONE, math.nan, [], "no order in h")
+        else:
+            judge = JUDGES.get(series.key["measure"])
+            verdict = judge(series) if judge else nothing("no order in h")
         rows.append({**series.key, **verdict})
     frame = pd.DataFrame(rows)[COLUMNS]
     frame.to_csv(given.out, index=False)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from truth import STATISTIC, exact_run
+from truth import STATISTIC, exact_run, twin
 
 #: Quotients beyond which `check` would take rounding for something else.
 MOST, SHARE = 10.0, 1 / 200
@@ -32,17 +32,16 @@ def compared(folder: Path) -> pd.DataFrame:
         frame = pd.read_csv(file)
         frame = frame[frame["measure"].isin(["error", "invariant"]) & (frame["status"] == "ok")]
         for row in frame.to_dict("records"):
-            value = row[STATISTIC[row["measure"]]]
-            for exact in run["runs"]:
-                same = exact["integrator"] == row["integrator"]
-                if same and abs(exact["h"] / row["h"] - 1) < 1e-9:
-                    true = exact.get(row["measure"], {}).get(row["quantity"])
-                    # Norms of λ weigh constraints, which the exact side does not.
-                    if row["quantity"] in ("lambda", "multiplier") and len(run["lambda"]) > 1:
-                        continue
-                    if true is not None and np.isfinite([value, true, row["rounding"]]).all():
-                        found.append(row | {"value": value, "true": true})
-    return pd.DataFrame(found)
+            # Norms of λ weigh constraints, which the exact side does not.
+            if row["quantity"] in ("lambda", "multiplier") and len(run["lambda"]) > 1:
+                continue
+            for exact in twin(file.stem, row["integrator"]):
+                if abs(exact["h"] / row["h"] - 1) < 1e-9:
+                    value = row[STATISTIC[row["measure"]]]
+                    true = exact.get(row["measure"], {}).get(row["quantity"], np.nan)
+                    found.append(row | {"value": value, "true": true})
+    rows = pd.DataFrame(found)
+    return rows[np.isfinite(rows[["value", "true", "rounding"]]).all(axis=1)]
 
 
 def main() -> int:

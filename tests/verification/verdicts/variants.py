@@ -22,10 +22,9 @@ from typing import Any, NamedTuple
 
 import judge
 import pandas as pd
-import running
 import yaml
 from exact import read_yaml
-from running import GREEN, RED, decided
+from judge import GREEN, RED, decided
 
 Data = dict[str, Any]
 
@@ -35,11 +34,16 @@ KEYS = {
     "title", "source", "points", "bodies", "body_points", "bars", "sliders", "springs", "dampers",
     "torques", "motions", "gravity", "assemble", "project_velocities", "dimensions",
 }  # fmt: skip
-#: Numbers with a length in them, and its power.
-POWERS = {
-    "bodies": {"length": 1, "inertia": 2}, "bars": {"length": 1}, "springs": {"rest_length": 1},
+#: Key → what its parts have a length in: a power of it, or how a pair of numbers changes.
+RULES: dict[str, dict[str, int | str]] = {
+    "points": {"fixed": "place", "at": "place", "velocity": "vector"},
+    "bodies": {"length": 1, "inertia": 2, "centre": "own"},
+    "body_points": {"at": "own"},
+    "bars": {"length": 1},
+    "sliders": {"through": "place", "direction": "direction"},
+    "springs": {"rest_length": 1},
     "torques": {"torque": 2},
-}  # fmt: skip
+}
 
 
 class Coordinates(NamedTuple):
@@ -56,46 +60,14 @@ class Coordinates(NamedTuple):
         motions = data.get("motions", {})
         if any("point" in motion for motion in motions.values()):
             self = self._replace(turn=0.0)
-        unit, rotor = self.unit, cmath.exp(1j * self.turn)
-
-        def pair(number: complex) -> list[float]:
-            return [number.real, number.imag]
-
-        def place(at: Any) -> list[float]:
-            return pair(unit * (rotor * complex(*at) + self.shift))
-
-        def vector(along: Any, turned: complex = rotor) -> list[float]:
-            return pair(unit * turned * complex(*along))
-
         found = dict(data)
-        for key, powers in POWERS.items():
+        for key, rules in RULES.items():
             found[key] = {
-                name: part | {of: part[of] * unit**power for of, power in powers.items()}
+                name: part | {of: self._changed(part[of], rules[of]) for of in rules.keys() & part}
                 for name, part in data.get(key, {}).items()
             }
-        for body in found["bodies"].values():
-            if "centre" in body:
-                body["centre"] = vector(body["centre"], 1)
-        found["points"] = {
-            name: point
-            | {key: place(point[key]) for key in ("fixed", "at") if key in point}
-            | {key: vector(point[key]) for key in ("velocity",) if key in point}
-            for name, point in data["points"].items()
-        }
-        found["body_points"] = {
-            name: point | {"at": vector(point["at"], 1)}
-            for name, point in data.get("body_points", {}).items()
-        }
-        found["sliders"] = {
-            name: line
-            | {
-                "through": place(line["through"]),
-                "direction": pair(rotor * complex(*line["direction"])),
-            }
-            for name, line in data.get("sliders", {}).items()
-        }
         found["motions"] = {name: self._motion(law) for name, law in motions.items()}
-        found["gravity"] = vector(data.get("gravity", (0, 0)))
+        found["gravity"] = self._changed(data.get("gravity", (0, 0)), "vector")
         return {
             key: dict(reversed(value.items()))
             if self.reordered and isinstance(value, dict)
@@ -103,6 +75,18 @@ class Coordinates(NamedTuple):
             for key, value in found.items()
             if value != {}
         }
+
+    def _changed(self, value: Any, how: int | str) -> Any:
+        if isinstance(how, int):
+            return value * self.unit**how
+        number, rotor = complex(*value), cmath.exp(1j * self.turn)
+        changed = {
+            "place": self.unit * (rotor * number + self.shift),
+            "vector": self.unit * rotor * number,
+            "own": self.unit * number,
+            "direction": rotor * number,
+        }[how]
+        return [changed.real, changed.imag]
 
     def _motion(self, motion: Data) -> Data:
         """Laws of x and y; one of an angle starts where the mechanism does."""
@@ -151,13 +135,11 @@ def _dump(path: Path, data: Any) -> None:
     path.write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True))
 
 
-def judged(folder: Path, there: Coordinates, given: Any) -> pd.DataFrame:
+def judged(folder: Path, there: Coordinates, studies: list[str]) -> pd.DataFrame:
     """Verdicts of the studies in other coordinates."""
-    write(folder, there, given.studies)
-    judge.run(given.command, folder / "results", folder / "studies")
-    found = judge.verdicts(given.command, folder / "results")
-    found = found[found["measure"] != ""].drop_duplicates(judge.KEY)
-    return found[[*judge.KEY, "verdict", "slope", "said"]]
+    write(folder, there, studies)
+    judge.run(folder / "results", folder / "studies")
+    return judge.verdicts(folder / "results")[[*judge.KEY, "verdict", "slope", "said"]]
 
 
 def report(name: str, frame: pd.DataFrame) -> int:
@@ -174,20 +156,19 @@ def report(name: str, frame: pd.DataFrame) -> int:
 
 
 def main() -> int:
-    parser = running.options(__doc__.splitlines()[0])
+    parser = judge.options(__doc__)
     parser.add_argument("--only", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     parser.add_argument("--studies", nargs="+", default=[], help="names of studies; all if omitted")
-    parser.add_argument("--command", default=running.command(), help="what runs and judges")
-    given = running.parsed(parser)
-    before = judged(given.results / "as-it-is", Coordinates(), given)
+    given = parser.parse_args()
+    before = judged(given.results / "as-it-is", Coordinates(), given.studies)
     before = judge.truths().merge(before, on=judge.KEY)
     wrong = {}
     for name in given.only:
-        after = judged(given.results / name, VARIANTS[name], given)
+        after = judged(given.results / name, VARIANTS[name], given.studies)
         both = before.merge(after, on=judge.KEY, suffixes=("_before", ""))
         wrong[name] = report(name, both)
     print("\nwrong: " + ", ".join(f"{name} {count}" for name, count in wrong.items()))
-    return 1 if any(wrong.values()) else 0
+    return int(any(wrong.values()))
 
 
 if __name__ == "__main__":
