@@ -10,7 +10,6 @@ import spatial
 import yaml
 from covering import covering
 from damped import damped
-from each import each
 from marching import FORMULATIONS, INTEGRATORS, STEP, assert_same_step, formulated, march_of
 from test_planar_parts import CART
 from test_spatial_laws import BODIES
@@ -69,7 +68,7 @@ MEMBERS = {
 MAKERS = {
     **{name: lambda name=name: problem(name) for name in PROBLEMS}, **MEMBERS, **WITH_EVERYTHING,
 }  # fmt: skip
-EVERY = each("name", MAKERS)
+EVERY = pytest.mark.parametrize("name", MAKERS)
 
 
 @cache
@@ -201,8 +200,8 @@ STEPPED = {**{name: lambda name=name: problem(name) for name in PROBLEMS}, "damp
 PROJECTED = ("none", "velocity", "position-velocity accelerations")
 
 
-@each(
-    "name, formulation, variant, integrator, projection",
+@pytest.mark.parametrize(
+    ("name", "formulation", "variant", "integrator", "projection"),
     covering(STEPPED, FORMULATIONS[:6], VARIANTS, INTEGRATORS, PROJECTED),
 )
 def test_all_forms_take_the_same_step(name, formulation, variant, integrator, projection):
@@ -222,7 +221,7 @@ def test_all_forms_take_the_same_step(name, formulation, variant, integrator, pr
         assert_same_step(subject, scheme, results["u-lambda"], results[form])
 
 
-@each("solver", [DENSE, SPARSE, STATIC])
+@pytest.mark.parametrize("solver", [DENSE, SPARSE, STATIC])
 def test_what_cannot_be_solved_ends_the_march(solver):
     """A status, not a traceback, where G vanishes, and for a correction that is not finite."""
     subject, scheme = problem("pendulum"), formulated("index-3", "u-lambda", 0.1, Newmark())

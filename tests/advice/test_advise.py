@@ -14,7 +14,6 @@ import scipy.io
 import scipy.sparse
 from conftest import SWING
 from covering import covering
-from each import each
 
 import newmark_cli as newmark
 from newmark_cli.advice import advising, linearised
@@ -82,7 +81,7 @@ def exact_blocks(found, form, h, beta=BETA, gamma=GAMMA):
 
 
 @pytest.mark.usefixtures("without_floors")
-@each("form, h", [
+@pytest.mark.parametrize(("form", "h"), [
     ("u-lambda", 1e-8), ("v-lambda", 1e-7), ("u-v-a-lambda", 1e-7),
 ])  # fmt: skip
 def test_condition_numbers_are_those_of_mpmath(example, double, form, h):
@@ -97,7 +96,7 @@ def test_condition_numbers_are_those_of_mpmath(example, double, form, h):
 
 
 @pytest.mark.usefixtures("without_floors")
-@each("form", FORMS)
+@pytest.mark.parametrize("form", FORMS)
 def test_factors_are_those_of_table_2(example, form):
     """As numbers, and as the lines to paste give them."""
     h = 1e-3
@@ -218,7 +217,7 @@ def test_nothing_is_unpickled(cli, tmp_path):
     assert marker.exists()
 
 
-@each("form, variant", covering(FORMS, ("none", "left", "right", "optimal")))
+@pytest.mark.parametrize(("form", "variant"), covering(FORMS, ("none", "left", "right", "optimal")))
 def test_the_scaling_in_a_jacobian_is_found(double, form, variant):
     """From two step sizes always; multiplied by the factors, it is the optimal one."""
     steps, several, optimal = [1e-3, 1e-4], [], []
@@ -368,7 +367,7 @@ def test_units_that_rule_the_conditioning_are_told_and_mended(double):
 
 
 @pytest.mark.usefixtures("without_noise", "of_float64")
-@each("name, sizes, h", [
+@pytest.mark.parametrize(("name", "sizes", "h"), [
     ("andrews", {}, 1e-5), ("shaken-pendulum", {}, 1e-4), ("random-chain", {"links": 8}, 1e-4),
 ])  # fmt: skip
 def test_three_times_the_smallest_tolerance_is_met_and_a_thirtieth_is_not(name, sizes, h):
@@ -394,7 +393,9 @@ def schemes_of(form, integrator="newmark", scaling="optimal"):
     )  # fmt: skip
 
 
-@each("integrator, factor", [("generalized-alpha rho=0.5", 8 * 2**0.5), ("hht alpha=0.1", 30.25)])
+@pytest.mark.parametrize(
+    ("integrator", "factor"), [("generalized-alpha rho=0.5", 8 * 2**0.5), ("hht alpha=0.1", 30.25)]
+)
 def test_noise_that_is_carried_on(integrator, factor):
     """Independent roundings of u add up to this multiple in λ; a march of them agrees."""
     found = carried(read("integrator", integrator))
@@ -416,7 +417,7 @@ def test_noise_that_is_carried_on(integrator, factor):
 UNSCALED = np.array([[4e6, 0, -1], [0, 4e6, 0], [1, 0, 0]])
 
 
-@each("given, blocks, h, said", [
+@pytest.mark.parametrize(("given", "blocks", "h", "said"), [
     (UNSCALED, "u=2,lambda=1", 1e-300, "h must be between 1e-12 and 1e3 seconds, given 1e-300"),
     (UNSCALED, "u=1,lambda=2", 1e-3, "lambda must be at most 1, the number of coordinates, given"),
     (UNSCALED, "u=2,u=2,lambda=1", 1e-3, "a name is there twice"),
@@ -429,8 +430,8 @@ def test_jacobians_that_cannot_be_used(given, blocks, h, said):
         newmark.advise_jacobian(given, blocks=blocks, h=h)
 
 
-@each(
-    "scaling, form, mechanism",
+@pytest.mark.parametrize(
+    ("scaling", "form", "mechanism"),
     covering(
         ("none", "left", "optimal"),
         [*FORMS[::2], "u-a-lambda"],

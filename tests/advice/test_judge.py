@@ -7,7 +7,6 @@ import faulty_code
 import numpy as np
 import pandas as pd
 import pytest
-from each import each
 from pages import ROOT
 
 import newmark_cli as newmark
@@ -41,8 +40,8 @@ FAULTS = [*faulty_code.FAULTS]
 CRANK, SPATIAL = "slider-crank", "spatial-slider-crank"
 
 
-@each(
-    "subject, fault",
+@pytest.mark.parametrize(
+    ("subject", "fault"),
     [
         *((THROWN, fault) for fault in ("", *FAULTS)),
         *((CRANK, fault) for fault in ("", *FAULTS[4:10:3])),
@@ -79,8 +78,8 @@ def test_mistakes_are_explained_by_numbers():
     assert drift.name == "drift"
 
 
-@each(
-    "integrator, alternates",
+@pytest.mark.parametrize(
+    ("integrator", "alternates"),
     [("trapezoidal", True), ("hht alpha=0.1", False)],
 )
 def test_a_multiplier_alternates_under_an_undamped_integrator_only(integrator, alternates):

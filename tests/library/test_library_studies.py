@@ -6,7 +6,6 @@ import pandas as pd
 import pytest
 from command_line import CommandLine
 from conftest import rows_in
-from each import each
 
 import newmark_cli as newmark
 
@@ -136,8 +135,8 @@ def test_figures_draw_the_rows(frame):
         assert newmark.plot(frame, 1, size=size).get_size_inches()[0] == 5
 
 
-@each(
-    "call, words",
+@pytest.mark.parametrize(
+    ("call", "words"),
     [
         (lambda frame: newmark.run(3), "a study must be a file, a name or a dict, given 3"),
         (lambda frame: newmark.run("nope"), "nope: no such file and no shipped study"),

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 
 from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.families import FAMILIES
@@ -15,7 +14,7 @@ def member(family, size):
     return Sized(family, tuple((name, size) for name in FAMILIES[family].parameters))
 
 
-@each("spec", [member(family, size) for family in FAMILIES for size in (1, 4)])
+@pytest.mark.parametrize("spec", [member(family, size) for family in FAMILIES for size in (1, 4)])
 def test_a_member_is_the_mechanism_that_its_data_say(spec):
     """What is built without a look at each part is what a file of the same data is read as.
 
@@ -30,7 +29,7 @@ def test_a_member_is_the_mechanism_that_its_data_say(spec):
     assert found.drawing == expected.drawing
 
 
-@each("links", [1, 400])
+@pytest.mark.parametrize("links", [1, 400])
 def test_chain_starts_across_its_line(links):
     """Released from a straight line the masses fall across it, hung by their weights along it.
 
@@ -59,7 +58,7 @@ def test_random_chain_is_well_conditioned_at_any_length():
     np.testing.assert_array_equal(short.M, long.M[:60, :60])
 
 
-@each("windows", [1, 200])
+@pytest.mark.parametrize("windows", [1, 200])
 def test_four_bars_move_as_one_rod(windows):
     """All rods stay parallel: θ'' of the one degree of freedom, whatever the number of windows."""
     subject = member("four-bars", windows).load()

@@ -3,7 +3,6 @@
 import math
 
 import pytest
-from each import each
 from pages import ROOT
 
 import newmark_cli as newmark
@@ -47,7 +46,9 @@ def hoist(length):
     return documents.parse(HOIST.replace("length: 1.05", f"length: {length}"), "hoist").data
 
 
-@each("mechanism", [pendulum((0.4, 0.1)), pendulum((2.4, 0)), swing(0.5), swing(0.9), hoist(1.2)])
+@pytest.mark.parametrize(
+    "mechanism", [pendulum((0.4, 0.1)), pendulum((2.4, 0)), swing(0.5), swing(0.9), hoist(1.2)]
+)
 def test_a_rough_guess_is_not_doubted(mechanism):
     assert newmark.problem(mechanism).doubts == ()
 
@@ -56,7 +57,7 @@ def test_a_rough_guess_is_not_doubted(mechanism):
 SIZE = f"{math.hypot(2.2, 1.6):.3g}"
 
 
-@each("mechanism, named, away, size", [
+@pytest.mark.parametrize(("mechanism", "named", "away", "size"), [
     (hoist(1050), "points.S.at: [1.3, 0.65]", "1.05e+03", SIZE),
     (hoist(10.5), "points.S.at: [1.3, 0.65]", "9.61", SIZE),
     (pendulum((0, 40)), "points.P.at: [0, 40]", "39", "1"),

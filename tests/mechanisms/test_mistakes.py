@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from each import each
 from mechanisms import built
 from test_planar_parts import CART
 from test_spatial_laws import BODIES
@@ -156,7 +155,7 @@ def cases():
             yield text, change, told.strip()
 
 
-@each("text, change, said", cases())
+@pytest.mark.parametrize(("text", "change", "said"), cases())
 def test_mistake(text, change, said):
     """In one line, which says where it is and what is allowed."""
     old, new = change.replace("\\n", "\n").split(" | ")
@@ -295,7 +294,7 @@ WHOLE = {
 }  # fmt: skip
 
 
-@each("name, guessed", [(name, False) for name in WHOLE] + [
+@pytest.mark.parametrize(("name", "guessed"), [(name, False) for name in WHOLE] + [
     (name, True) for name, (*_, nearby) in WHOLE.items() if nearby
 ])  # fmt: skip
 def test_mistakes_of_a_whole_mechanism(name, guessed):

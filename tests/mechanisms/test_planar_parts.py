@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from each import each
 from mechanisms import built
 from scipy.interpolate import CubicSpline
 
@@ -271,7 +270,7 @@ project_velocities: true
     }
 
 
-@each("mechanism", [
+@pytest.mark.parametrize("mechanism", [
     cylinder_in_a_ring, wheel_on_a_wheel, wheel_down_a_slope, bead_in_a_moving_guide,
     torsion_between_links, level_platform, epicyclic_gear, driven_slider_and_relative_angle,
 ])  # fmt: skip
@@ -326,7 +325,7 @@ LAWS = {
 }
 
 
-@each("name", LAWS)
+@pytest.mark.parametrize("name", LAWS)
 def test_laws_of_time(name):
     """The force and the torque that a law is, and place, rate and load of what it drives."""
     law, function = LAWS[name]

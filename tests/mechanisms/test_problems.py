@@ -4,7 +4,6 @@ import mechanisms
 import numpy as np
 import oracles
 import pytest
-from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpmath import mp
@@ -15,7 +14,7 @@ from newmark_cli.problems.index_1 import Index1
 REFERENCED = [name for name in PROBLEMS if name in oracles.REFERENCES]
 
 
-@each("name", REFERENCED)
+@pytest.mark.parametrize("name", REFERENCED)
 @settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
 def test_terms_against_mpmath(name, seed):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import spatial
 import spatial_references as references
-from each import each
 from spatial import outputs
 
 import newmark_cli as newmark
@@ -45,8 +44,8 @@ def test_heavy_top():
     np.testing.assert_allclose([errors[1][0], errors[1][3]], [2.2e-5, 1.84e-4], rtol=0.08)
 
 
-@each("name", ["spatial-slider-crank", "bricard"])
-@each("q, rate", [(0.3, -2.0), (-0.2, 5.0)])
+@pytest.mark.parametrize("name", ["spatial-slider-crank", "bricard"])
+@pytest.mark.parametrize(("q", "rate"), [(0.3, -2.0), (-0.2, 5.0)])
 def test_linkages_of_one_freedom(name, q, rate):
     """Accelerations of all bodies, and what the ground and single joints carry."""
     subject = newmark.problem(name)

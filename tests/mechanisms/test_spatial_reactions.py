@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import spatial
-from each import each
 from mechanisms import built
 from spatial import outputs
 
@@ -42,8 +41,8 @@ def hung(kind, turned):
     return built(text.replace("AT", at))
 
 
-@each("turned", [False, True])
-@each("kind", [kind for kind in JOINTS if kind != "rigid"])
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("kind", [kind for kind in JOINTS if kind != "rigid"])
 def test_reactions_obey_newton_and_euler(kind, turned):
     """Force and moment of a joint are what its body's motion and weight ask for.
 
@@ -121,7 +120,7 @@ def test_places_and_axes_may_be_given_by_body():
     np.testing.assert_allclose(one, other, atol=1e-11)
 
 
-@each("frame", ["ground", "body"])
+@pytest.mark.parametrize("frame", ["ground", "body"])
 def test_loads_of_a_free_body_obey_newton_and_euler(frame):
     """A force at a point of it, and a torque in the axes of the ground or of the body."""
     text = BODY[: BODY.index("joints:")] + BODY[BODY.index("gravity:") :] + (

@@ -7,7 +7,6 @@ import pytest
 import scipy.integrate
 import scipy.sparse
 import yaml
-from each import each
 from mechanisms import built
 from spatial import RATIO, START, bennett
 
@@ -40,7 +39,7 @@ def four_bars(count, lean=0.2, redundant="drop"):
     return "\n".join([*lines, "gravity: [0, 0, -9.81]", f"redundant: {redundant}", ""])
 
 
-@each("text", [four_bars(3), BRICARD.replace("{P5: [q]}", "drop")])
+@pytest.mark.parametrize("text", [four_bars(3), BRICARD.replace("{P5: [q]}", "drop")])
 def test_large_mechanisms_drop_the_same_rows(text, monkeypatch):
     """The rule does not depend on how null vectors are found."""
     dense = built(text)
@@ -72,7 +71,7 @@ def door(off=1e-9, lean=0.0, redundant="{high: [x, y, z, p, q]}", more=""):
 FALLS = 0.5
 
 
-@each("off, lean", [(1e-6, 0.0), (0.0, 1e-7)])
+@pytest.mark.parametrize(("off", "lean"), [(1e-6, 0.0), (0.0, 1e-7)])
 def test_rows_released_by_name_may_be_a_little_off(off, lean):
     """A second hinge out of line leaves the freedom to open, and the motion of the first."""
     subject = built(door(off, lean))
@@ -88,7 +87,9 @@ def test_rows_released_by_name_may_be_a_little_off(off, lean):
     assert done.output("low.angle")[-1] == pytest.approx(fallen.y[0, -1], abs=2.5e-5)
 
 
-@each("redundant, off, lean", [("refuse", 1e-9, 0.0), ("drop", 1e-5, 0.0), ("drop", 0.0, 1e-7)])
+@pytest.mark.parametrize(
+    ("redundant", "off", "lean"), [("refuse", 1e-9, 0.0), ("drop", 1e-5, 0.0), ("drop", 0.0, 1e-7)]
+)
 def test_rows_that_nearly_depend_on_each_other_are_named_with_the_way_out(redundant, off, lean):
     """Not "nothing can move", and a march of what is left would be one of rounding."""
     with pytest.raises(DocumentError) as caught:
@@ -119,7 +120,7 @@ def missed_by(done):
     return np.abs(np.angle(np.exp(1j * (right - phi)))).max()
 
 
-@each("formulation, most", [("index-3", 1e-12), ("index-2", 3e-6)])
+@pytest.mark.parametrize(("formulation", "most"), [("index-3", 1e-12), ("index-2", 3e-6)])
 def test_rows_that_are_dropped_are_redundant_all_along_the_motion(formulation, most):
     """On a whole turn of Bennett's loop, where three positions of one joint are needed twice."""
     subject = newmark.problem(bennett("drop"))

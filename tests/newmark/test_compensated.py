@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import textbook
 from damped import damped
-from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from marching import ENGINES, EPS, STEP, formulated, in_python, march
@@ -67,7 +66,7 @@ def exactly(values):
     return [Fraction(float(x)) for x in values]
 
 
-@each("name", [*QUADRATIC, "undriven"])
+@pytest.mark.parametrize("name", [*QUADRATIC, "undriven"])
 @given(seed=st.integers(0, 2**32 - 1), exponent=st.integers(-9, -1))
 @settings(max_examples=8)
 def test_increments_of_phi(name, undriven, seed, exponent):
@@ -105,7 +104,9 @@ def march_100(subject, engine, h):
     return state, change, EPS * size * h * np.abs(state.past[1]).max()
 
 
-@each("name, engine", [*itertools.product(MARCHED, ENGINES[:1]), ("undriven", in_python)])
+@pytest.mark.parametrize(
+    ("name", "engine"), [*itertools.product(MARCHED, ENGINES[:1]), ("undriven", in_python)]
+)
 def test_constraints_are_met_beyond_the_rounding_of_coordinates(name, engine, subjects):
     """After 100 steps Φ(high + low) is rounding of increments, far below eps ‖u‖²."""
     state, change, rounding = march_100(subjects[name], engine, STEPS_OF[name] / 10)
@@ -141,7 +142,9 @@ def long_motion():
 
 
 @pytest.mark.bits("a compensated march meets the constraints where it starts by definition")
-@each("form, engine", [*((form, ENGINES[0]) for form in FORMS), ("v-a-lambda", ENGINES[1])])
+@pytest.mark.parametrize(
+    ("form", "engine"), [*((form, ENGINES[0]) for form in FORMS), ("v-a-lambda", ENGINES[1])]
+)
 def test_multipliers_against_long_numbers(form, engine):
     """Over 20 steps of 1e-6: compensated λ is off by some eps/h, direct λ by some eps/h².
 
@@ -193,7 +196,7 @@ def along(u, t):
     return u[:, None].copy()
 
 
-@each("constraints, gradient, words", [
+@pytest.mark.parametrize(("constraints", "gradient", "words"), [
     (lambda u, t: np.array([(u @ u - 1) / 2 + u[1] ** 3]),
      lambda u, t: np.array([[u[0]], [u[1] + 3 * u[1] ** 2]]), "but are not"),
     (lambda u, t: np.array([np.log(u @ u)]), lambda u, t: 2 * u[:, None] / (u @ u), "but are not"),

@@ -6,7 +6,6 @@ import warnings
 
 import numpy as np
 import pytest
-from each import each
 from oracles import swing
 
 import newmark_cli as newmark
@@ -54,7 +53,7 @@ CHANGES = [
 ]
 
 
-@each("kind, integrator, ratio", CHANGES)
+@pytest.mark.parametrize(("kind", "integrator", "ratio"), CHANGES)
 def test_what_keeps_its_order(kind, integrator, ratio):
     """Index 3 where velocities are scaled, other formulations and projections: nothing is said."""
     options = how(kind, integrator)
@@ -65,7 +64,7 @@ def test_what_keeps_its_order(kind, integrator, ratio):
     assert second < 3 * coarser
 
 
-@each("kind", LOSES)
+@pytest.mark.parametrize("kind", LOSES)
 def test_what_enforces_constraints_alone_is_told_of(kind):
     """In every integrator, finer and coarser; a penalty is index 3, c/h of Baumgarte nearly."""
     right = error(newmark.march("pendulum", h=0.01, t_end=2, **how(kind)))

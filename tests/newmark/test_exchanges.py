@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from marching import STEP, formulated, scheme_of
@@ -37,8 +36,8 @@ def run(subject, scheme, stretches, looks_after, after_stretch=lambda exchanges:
     return engine, found
 
 
-@each(
-    "subject, form, variant, integrator, evaluation, precision",
+@pytest.mark.parametrize(
+    ("subject", "form", "variant", "integrator", "evaluation", "precision"),
     [
         ("andrews", "u-lambda", "optimal", Newmark(), "direct", "float64"),
         ("slider-crank", "u-v-a-lambda", "left", BDF2(), "compensated", "float64"),

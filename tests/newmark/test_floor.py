@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from covering import covering
-from each import each
 from marching import formulated, scheme_of
 from test_formulations import subject_of
 
@@ -79,7 +78,7 @@ def test_exact_zeros_are_predicted():
     assert abs(np.mean(zeros) - measured) < 0.15
 
 
-@each("solver", ["dense-lu", "gmres"])
+@pytest.mark.parametrize("solver", ["dense-lu", "gmres"])
 def test_the_march_goes_on_as_if_nobody_had_looked(solver):
     """Neither its state nor its counts, with a solver that remembers what it did as well."""
     scheme = scheme_of("a-lambda", "optimal", 1e-4, BDF2())

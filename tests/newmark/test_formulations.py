@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from covering import covering
 from damped import damped
-from each import each
 from examples import car_axis
 from general import constraint, force, general, gradient
 from marching import EPS, FORMULATIONS, INTEGRATORS, PROJECTIONS, formulated, march_of
@@ -182,8 +181,8 @@ class Literal:
         return np.concatenate([of_row[row]() for row in form.rows])
 
 
-@each(
-    "formulation, form, name",
+@pytest.mark.parametrize(
+    ("formulation", "form", "name"),
     covering(FORMULATIONS, FORMS, ["general", "quadrics", "singular mass"]),
 )
 def test_jacobians_are_those_of_the_equations(formulation, form, name):
@@ -239,8 +238,8 @@ def test_jacobians_are_those_of_the_equations(formulation, form, name):
     assert p * n + m * len(scheme.form.constraint_rows) == len(z)
 
 
-@each("most", [300, 0])
-@each("name", ["andrews", "slider-crank", "general"])
+@pytest.mark.parametrize("most", [300, 0])
+@pytest.mark.parametrize("name", ["andrews", "slider-crank", "general"])
 def test_least_inertia_is_the_least_eigenvalue(name, most, monkeypatch):
     """Least eigenvalue of GᵀM⁻¹G at the start; p = factor · w_a over it.
 
@@ -287,8 +286,8 @@ def balanced_difference(subject, scheme, one, other):
     return max(differences), max(sizes)
 
 
-@each(
-    "formulation, form, evaluation, name, variant, integrator, projection",
+@pytest.mark.parametrize(
+    ("formulation", "form", "evaluation", "name", "variant", "integrator", "projection"),
     [
         *covering(FORMULATIONS, FORMS, EVALUATIONS, QUADRATIC, VARIANTS, INTEGRATORS, PROJECTIONS),
         *covering(FORMULATIONS, KEPT, [DIRECT], OTHERS, VARIANTS, INTEGRATORS, PROJECTIONS),
@@ -336,7 +335,7 @@ def test_engines_agree(formulation, form, evaluation, name, variant, integrator,
                 )  # fmt: skip
 
 
-@each("formulation", FORMULATIONS)
+@pytest.mark.parametrize("formulation", FORMULATIONS)
 def test_carried_sums_are_the_constraints_at_the_end(formulation):
     """Compensated: Φ and Ψ, summed up from increments, are those of u and v, to rounding.
 
@@ -402,8 +401,8 @@ def test_each_block_is_recorded_until_it_grows():
     assert (early > 0, grown > 0) == (True, True), (early, grown)
 
 
-@each(
-    "formulation, reported, engine, evaluation",
+@pytest.mark.parametrize(
+    ("formulation", "reported", "engine", "evaluation"),
     covering(FORMULATIONS, REPORTED, ["kernel", "dense"], EVALUATIONS),
 )
 def test_a_march_goes_on_and_is_recorded_to_the_same_bits(
@@ -480,8 +479,8 @@ def test_projections_project():
             np.testing.assert_allclose(subject.M @ change, g @ march.state.impulse, atol=1e-13)
 
 
-@each(
-    "read, label, words",
+@pytest.mark.parametrize(
+    ("read", "label", "words"),
     [
         (Formulation, "index-4", "unknown formulation 'index-4'"),
         (Formulation, "ggl rate=1", "formulation ggl has no 'rate'; it has none"),

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 from covering import covering
-from each import each
 from marching import FORMULATIONS, PROJECTIONS, formulated
 from oracles import swing
 from test_formulations import subject_of
@@ -65,7 +64,7 @@ def andrews_error(*arguments, **options):
     return float(np.abs(found - right).max() / np.abs(right).max())
 
 
-@each("formulation, projection", covering(CONVERGENT, PROJECTIONS))
+@pytest.mark.parametrize(("formulation", "projection"), covering(CONVERGENT, PROJECTIONS))
 def test_order_two_with_every_formulation_and_projection(formulation, projection):
     """Generalized-α: u, v and the recovered λ of a motion that does not start from rest.
 
@@ -82,8 +81,8 @@ def test_order_two_with_every_formulation_and_projection(formulation, projection
     assert np.all(errors[-1] < 3e-6)
 
 
-@each(
-    "formulation, integrator, reported, order",
+@pytest.mark.parametrize(
+    ("formulation", "integrator", "reported", "order"),
     [
         # With BDF2 a change of velocities by M⁻¹Gμ in every step is worth 3μ/2h.
         *(("index-3", of, NEWTON, 1) for of in (DAMPED, HHT(0.1), BDF2())),
@@ -116,7 +115,7 @@ ANDREWS = {
 ROUNDING = (1e-18, 3e-16)
 
 
-@each("formulation", ANDREWS)
+@pytest.mark.parametrize("formulation", ANDREWS)
 def test_drift(formulation):
     """What stands in the system is met to rounding; the rest drifts like h², Φ of c/h like h³."""
     subject, found = subject_of("andrews"), []

@@ -9,7 +9,6 @@ import pytest
 import textbook
 from covering import covering
 from damped import DAMPING, MASS, STIFFNESS, damped
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import ENGINES, INTEGRATORS, compiled, march, scheme_of
@@ -56,7 +55,7 @@ def test_labels_read_back(integrator):
     assert parse(integrator.label) == integrator
 
 
-@each(
+@pytest.mark.parametrize(
     ("label", "words"),
     [
         ("newmrk beta=0.25 gamma=0.5", "did you mean 'newmark'"),
@@ -112,7 +111,9 @@ def textbook_motion(integrator):
         return [np.array(x, float) for x in (last.u, last.v, last.a, last.rate, last.multipliers)]
 
 
-@each("integrator, form, evaluation", covering(INTEGRATORS, FORMS, ["direct", "compensated"]))
+@pytest.mark.parametrize(
+    ("integrator", "form", "evaluation"), covering(INTEGRATORS, FORMS, ["direct", "compensated"])
+)
 def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
     """Stiffness, damping, full M, a force of time: both engines, every form, to rounding."""
     u, v, a, rate, multipliers = textbook_motion(integrator)
@@ -126,7 +127,7 @@ def test_marches_are_those_of_the_textbook(integrator, form, evaluation):
             np.testing.assert_allclose(found, exact, rtol=1e-11, atol=1e-11)
 
 
-@each("integrator, h", covering(INTEGRATORS, [1.0, 0.3, 1e-5]))
+@pytest.mark.parametrize(("integrator", "h"), covering(INTEGRATORS, [1.0, 0.3, 1e-5]))
 def test_symbols_are_sensitivities_to_displacement(integrator, h):
     """γ/(βh) = ∂v/∂u and 1/(βh²) = ∂v'/∂u, from which every scaling follows."""
     symbols, found = integrator.symbols(h), integrator.relations(h)
@@ -165,8 +166,8 @@ def test_damping_of_generalized_alpha(rho):
     assert GeneralizedAlpha(rho).damped == (rho < 1)
 
 
-@each(
-    "integrator, radius",
+@pytest.mark.parametrize(
+    ("integrator", "radius"),
     [
         (Newmark(), 1),
         # β = (γ + 1/2)²/4: a double eigenvalue (γ − 3/2)/(γ + 1/2)
@@ -186,7 +187,9 @@ def test_spectral_radii(integrator, radius):
 # Orders in h of corrections and condition numbers
 
 
-@each("integrator, form, variant", covering(INTEGRATORS, FORMS, PAPER_VARIANTS)[::2])
+@pytest.mark.parametrize(
+    ("integrator", "form", "variant"), covering(INTEGRATORS, FORMS, PAPER_VARIANTS)[::2]
+)
 def test_corrections_have_the_predicted_orders(integrator, form, variant):
     """Scaled and physical, kept and recovered, ± 0.15; the pendulum, rms over 300 steps or more.
 

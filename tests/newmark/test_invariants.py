@@ -3,7 +3,6 @@
 import numpy as np
 import oracles
 import pytest
-from each import each
 from mechanisms import TWO_BODIES, built
 from test_reference import pendulum
 
@@ -33,7 +32,7 @@ def relative(subject, samples):
     return {name: abs(off).max() for name, off in observers.invariants(subject, samples).items()}
 
 
-@each("t", [0.3, 3.708])
+@pytest.mark.parametrize("t", [0.3, 3.708])
 def test_exact_motion_of_the_pendulum_keeps_all(t):
     """Elliptic functions by mpmath; sizes are those of the whole motion, 3.708 is a turn."""
     subject = problem("pendulum")
@@ -81,7 +80,7 @@ def test_driven_points_are_compared_with_their_laws():
     assert (velocity.error, *velocity.sizes) == pytest.approx((8.0, 8.0))
 
 
-@each("value", [np.nan, np.inf, 1e300])
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_states_that_are_not_finite(value):
     """Not a number, and no exception."""
     subject = problem("andrews")
@@ -131,7 +130,7 @@ gravity: [1, -9]
 )
 
 
-@each(("addition", "conserved"), [
+@pytest.mark.parametrize(("addition", "conserved"), [
     ("", True),
     ("dampers: {d: {from: W, to: C, damping: 0}}\n", True),
     ("dampers: {d: {from: W, to: C, damping: 1}}\n", False),

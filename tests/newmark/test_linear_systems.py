@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from conftest import SWING
-from each import each
 
 import newmark_cli as newmark
 from newmark_cli.newmark.linear import sparse
@@ -16,7 +15,7 @@ def swing(tmp_path):
     return newmark.problem(f"{tmp_path}/mine.py:swing")
 
 
-@each("formulation", ["ggl", "augmented-lagrangian"])
+@pytest.mark.parametrize("formulation", ["ggl", "augmented-lagrangian"])
 def test_systems_are_those_that_the_march_solves(tmp_path, monkeypatch, formulation):
     """Bit by bit, where Python solves: what LU is given, iteration by iteration."""
     problem, solves = swing(tmp_path), []
@@ -98,7 +97,7 @@ def test_a_system_is_that_of_the_equations():
     assert system.right == {"u": 1.0, "lambda": pytest.approx(1 / (beta * h**2), rel=1e-15)}
 
 
-@each("options, message", [
+@pytest.mark.parametrize(("options", "message"), [
     ({"steps": 3}, "steps must be a list of numbers, given 3"),
     ({"steps": []}, "steps must name a step, given none"),
     ({"steps": [0]}, "steps must be at least 1, given 0"),

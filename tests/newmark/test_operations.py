@@ -2,8 +2,8 @@
 
 import json
 
+import pytest
 from conftest import QUICK, rows_in
-from each import each
 from marching import formulated
 from test_formulations import subject_of
 
@@ -12,8 +12,8 @@ from newmark_cli.newmark.linear.sparse import SparseSystem
 from newmark_cli.newmark.march import March
 
 
-@each(
-    "formulation, options, solver, in_step",
+@pytest.mark.parametrize(
+    ("formulation", "options", "solver", "in_step"),
     [
         ("index-3", {}, "dense-lu", 0),
         ("index-3", {}, "static-lu", 0),

@@ -6,7 +6,6 @@ import mechanisms
 import numpy as np
 import pytest
 from covering import covering
-from each import each
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from marching import compiled, formulated, march
@@ -92,7 +91,7 @@ def interpreted_march(subject, scheme, state, counts):
         )  # fmt: skip
 
 
-@each("precision", PRECISIONS)
+@pytest.mark.parametrize("precision", PRECISIONS)
 def test_the_march_computes_in_its_precision(precision):
     """Compiled and interpreted it takes the same steps bit by bit.
 

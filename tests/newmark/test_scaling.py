@@ -4,7 +4,6 @@ import contextlib
 import warnings
 
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from mpmath import mp, mpf
@@ -39,7 +38,7 @@ def test_value_is_the_product(coefficient, exponents, values):
         assert build(coefficient, exponents)(values) == pytest.approx(float(exact), rel=1e-14)
 
 
-@each("text, value, order", [
+@pytest.mark.parametrize(("text", "value", "order"), [
     ("beta*h^2", 0.25 * 1e-4, 2),
     ("1/(beta*h^2)", 4e4, -2),
     ("gamma/(beta*h)", 200.0, -1),
@@ -55,7 +54,7 @@ def test_known_texts(text, value, order):
     assert monomial.order() == order
 
 
-@each(("text", "reason"), [
+@pytest.mark.parametrize(("text", "reason"), [
     ("h +", "not a product"),
     ("beta*x", "unknown symbol 'x'"),
     ("0", "not positive"),
@@ -82,7 +81,7 @@ def test_any_text_parses_or_is_refused(text):
         assert Monomial.parse(text).coefficient > 0
 
 
-@each("name", FORMS)
+@pytest.mark.parametrize("name", FORMS)
 def test_sensitivity_rule_gives_the_orders_of_table_2(name):
     """Scaling by ∂v/∂u and ∂a/∂u has the powers of h of Table 2, form by form.
 
@@ -109,7 +108,7 @@ def test_labels_say_everything(left, right):
     assert "," not in own.label
 
 
-@each("label", ["best", "x[up D=h]", "x[left D]", "x[", "[left D=h]"])
+@pytest.mark.parametrize("label", ["best", "x[up D=h]", "x[left D]", "x[", "[left D=h]"])
 def test_labels_refused(label):
     with pytest.raises(ScalingError):
         Preconditioning.parse(label)

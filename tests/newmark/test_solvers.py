@@ -8,7 +8,6 @@ import oracles
 import pytest
 from covering import covering
 from damped import damped
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import EPS, in_motion, in_system, scheme_of, start
@@ -69,8 +68,8 @@ def factorised(subject, scheme, values, rhs):
 PLANAR = ["pendulum", "andrews", "four-bar", "slider-crank", "shaken-pendulum"]
 
 
-@each(
-    "solve, name, form, variant, h",
+@pytest.mark.parametrize(
+    ("solve", "name", "form", "variant", "h"),
     [
         *covering([eliminated], [*PLANAR, "bars"], FORMS, VARIANTS, (1e-3, 1e-5, 1e-7)),
         *covering([factorised], ["chain", "damped"], FORMS, VARIANTS, (1e-3, 1e-7)),
@@ -97,7 +96,9 @@ def test_solutions_are_right_whatever_the_scaling(solve, name, form, variant, h)
     assert np.linalg.norm(off) < 20 * EPS * best * np.linalg.norm(exact / units)
 
 
-@each("name, form, variant", covering(["andrews", "bars"], FORMS, ["none", "optimal"]))
+@pytest.mark.parametrize(
+    ("name", "form", "variant"), covering(["andrews", "bars"], FORMS, ["none", "optimal"])
+)
 def test_all_solve_the_same_matrix(name, form, variant):
     """Static, dense and sparse systems assemble the same, to rounding of its entries."""
     subject, scheme = subject_of(name), scheme_of(form, variant, 1e-4)
@@ -137,8 +138,8 @@ OF_EACH = [
 ]
 
 
-@each(
-    "name, cases",
+@pytest.mark.parametrize(
+    ("name", "cases"),
     [("pendulum", [*itertools.product(FORMS, PAPER_VARIANTS, H[::2])]), ("andrews", OF_EACH)],
 )
 def test_condition_numbers(name, cases):
@@ -157,7 +158,10 @@ def test_condition_numbers(name, cases):
     assert not wrong
 
 
-@each("name, form, variant, h", covering([*PROBLEMS, "long"], FORMS, VARIANTS, (1e-2, 1e-5, 1e-8)))
+@pytest.mark.parametrize(
+    ("name", "form", "variant", "h"),
+    covering([*PROBLEMS, "long"], FORMS, VARIANTS, (1e-2, 1e-5, 1e-8)),
+)
 def test_estimated_condition_numbers(name, form, variant, h):
     """Between a third of the exact 1-norm condition number and all of it; repeatable.
 
@@ -185,8 +189,8 @@ def right_hand_side(scheme, subject):
     return np.random.default_rng(7).normal(size=size)
 
 
-@each(
-    "name, form, h",
+@pytest.mark.parametrize(
+    ("name", "form", "h"),
     covering(["andrews", "heavy-top", "random chain", "damped"], FORMS, [1e-2, 1e-5]),
 )
 def test_krylov_solutions(name, form, h):
@@ -202,7 +206,7 @@ def test_krylov_solutions(name, form, h):
     assert system.iterations[0] <= 2 * len(rhs)
 
 
-@each("form, variant", covering(["u-lambda", "a-lambda"], PAPER_VARIANTS))
+@pytest.mark.parametrize(("form", "variant"), covering(["u-lambda", "a-lambda"], PAPER_VARIANTS))
 def test_recorded_residual(form, variant):
     """That of the solution, with rows D times βh² where D_L is 1: the same in every scaling."""
     subject, h = subject_of("long"), 0.4

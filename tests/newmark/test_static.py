@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 import yaml
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import scheme_of
@@ -34,8 +33,8 @@ def subject_of(name):
     return Sized(family, ((size, count),)).load()
 
 
-@each(
-    "name, form, variant, integrator, evaluation, h",
+@pytest.mark.parametrize(
+    ("name", "form", "variant", "integrator", "evaluation", "h"),
     [
         ("andrews", "u-lambda", "none", Newmark(), "direct", 1e-6),
         ("andrews", "u-v-a-lambda", "optimal", GeneralizedAlpha(0.9), "compensated", 1e-4),
@@ -105,7 +104,9 @@ def toppling():
     return newmark.problem(TOPPLING)
 
 
-@each("form, h", [("u-lambda", 0.02), ("a-lambda", 0.03), ("u-v-a-lambda", 0.02)])
+@pytest.mark.parametrize(
+    ("form", "h"), [("u-lambda", 0.02), ("a-lambda", 0.03), ("u-v-a-lambda", 0.02)]
+)
 def test_what_needs_pivoting_is_pivoted(toppling, form, h):
     """Where X makes pivots vanish or negative, the march is that of partial pivoting.
 
@@ -122,7 +123,9 @@ def test_what_needs_pivoting_is_pivoted(toppling, form, h):
     assert March(toppling, scheme_of(form, "none", 1e-4), STATIC).advance(50).pivoted == 0
 
 
-@each("solve", [static_elimination.solve_generated, static_elimination.solve_in_order])
+@pytest.mark.parametrize(
+    "solve", [static_elimination.solve_generated, static_elimination.solve_in_order]
+)
 def test_large_multipliers_are_refused(solve):
     """One link upside down: λ cancels the pivot 4 m/h² but for a part of it, which stays positive.
 
@@ -200,7 +203,9 @@ def test_auto_takes_it_where_it_is_much_faster():
     assert choose(AUTO, large, form, formulated=True) == SPARSE
 
 
-@each("name, most", [("governor", 2_000), ("bricard", 3_000), ("spatial-slider-crank", 700)])
+@pytest.mark.parametrize(
+    ("name", "most"), [("governor", 2_000), ("bricard", 3_000), ("spatial-slider-crank", 700)]
+)
 def test_pivots_by_size_in_space(name, most):
     """They take a small part of the operations, and last for the whole motion but for a few steps.
 

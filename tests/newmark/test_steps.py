@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from marching import in_python
@@ -49,7 +48,9 @@ def test_times_are_sums_rounded_once(sizes, t0):
     ]
 
 
-@each("integrator", ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2"))
+@pytest.mark.parametrize(
+    "integrator", ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2")
+)
 def test_ratio_1_has_the_bits_of_one_size(integrator):
     """An array of equal sizes, and its halts, on the pendulum."""
     one = newmark.march("pendulum", h=0.0078125, steps=100, integrator=integrator)
@@ -78,8 +79,18 @@ EIGHT = [
 ]  # fmt: skip
 
 
-@each(
-    "problem, integrator, form, formulation, projection, sequence, solver, auxiliary, evaluation",
+@pytest.mark.parametrize(
+    (
+        "problem",
+        "integrator",
+        "form",
+        "formulation",
+        "projection",
+        "sequence",
+        "solver",
+        "auxiliary",
+        "evaluation",
+    ),
     EIGHT,
 )
 def test_engines_agree(
@@ -128,8 +139,8 @@ FIVE, FOUR, RANDOM = (
 )  # fmt: skip
 
 
-@each(
-    "integrator, formulation, projection, auxiliary, sequence, of_v, of_lambda",
+@pytest.mark.parametrize(
+    ("integrator", "formulation", "projection", "auxiliary", "sequence", "of_v", "of_lambda"),
     [
         ("hht alpha=0.3", "index-3", "none", "keep", FIVE, 1, 1),
         ("hht alpha=0.3", "index-3", "none", "rescale", FIVE, 2, 1),
@@ -172,8 +183,8 @@ def test_a_rescaled_acceleration_alone_may_resonate():
 
 
 @pytest.mark.usefixtures("few_draws")
-@each(
-    "integrator, formulation, told",
+@pytest.mark.parametrize(
+    ("integrator", "formulation", "told"),
     [
         ("generalized-alpha rho=0.9", "index-3", "multiply a − v' by h_new/h and what v misses"),
         (
@@ -272,8 +283,8 @@ expect:
     assert "1 of 1 expectations hold" in told
 
 
-@each(
-    "text, told",
+@pytest.mark.parametrize(
+    ("text", "told"),
     [
         ("{change: 0.5}", "h_sequence.change: needs at"),
         ("{change: 0.5, every: 3}", "every: does not belong to change"),
@@ -345,8 +356,8 @@ def errors_at_the_end(sizes, state=None, **how):
     ])  # fmt: skip
 
 
-@each(
-    "integrator, how",
+@pytest.mark.parametrize(
+    ("integrator", "how"),
     [
         (integrator, WAYS[k % 4])
         for i, integrator in enumerate(
@@ -371,7 +382,9 @@ def test_a_very_short_step_does_no_harm(integrator, how):
     assert np.all(twice < 3 * without)
 
 
-@each("evaluation, precision", [("compensated", "float64"), ("direct", "float32")])
+@pytest.mark.parametrize(
+    ("evaluation", "precision"), [("compensated", "float64"), ("direct", "float32")]
+)
 def test_a_very_short_step_in_other_arithmetic(evaluation, precision):
     """A thousandth of the time of others in single precision is too short, too."""
     how = {

@@ -1,9 +1,9 @@
 """Stopping at a tolerance: who meets it, after how many corrections, and what it says."""
 
 import numpy as np
+import pytest
 from conftest import QUICK, rows_in
 from covering import covering
-from each import each
 from marching import ENGINES, formulated, march, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
@@ -74,7 +74,7 @@ def literal_steps(subject, h, steps, cap, field, scaled, stop):
     return counts, now["u"], now["lambda"]
 
 
-@each(
+@pytest.mark.parametrize(
     ("subject", "field", "scaled", "stop", "cap", "engine"),
     covering(
         [("pendulum", 1e-1), ("andrews", 3e-4)],
@@ -107,7 +107,9 @@ def test_rule(subject, field, scaled, stop, cap, engine):
     np.testing.assert_allclose(state.multipliers, multipliers, rtol=0, atol=1e-6 * size)
 
 
-@each("formulation", ["index-2", "index-1", "ggl", "baumgarte rate=10", "augmented-lagrangian"])
+@pytest.mark.parametrize(
+    "formulation", ["index-2", "index-1", "ggl", "baumgarte rate=10", "augmented-lagrangian"]
+)
 def test_engines_agree(formulation):
     """Dense and sparse marches meet every test after the same corrections, and the test matters."""
     subject, counts = problem("four-bar"), []
@@ -128,7 +130,7 @@ def test_engines_agree(formulation):
     assert len({tuple(each) for each in counts}) > 1
 
 
-@each("engine", ENGINES)
+@pytest.mark.parametrize("engine", ENGINES)
 def test_terminal_phase_needs_two_small_corrections(engine):
     """The first correction of the pendulum at h = 1e-4 is h²/2, no rounding; never recorded."""
     subject, scheme = problem("pendulum"), scheme_of("u-lambda", "none", 1e-4)
@@ -142,7 +144,7 @@ def test_terminal_phase_needs_two_small_corrections(engine):
 STOPPED = QUICK + "measure: [condition, tolerance]\nstop: {absolute: 1e-8}\n"
 
 
-@each(
+@pytest.mark.parametrize(
     "label",
     [
         "absolute 1e-08", "absolute 1e-08 relative 0.001", "residual relative 1e-08",

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from each import each
 from mpmath import MPContext
 
 import newmark_cli as newmark
@@ -53,7 +52,7 @@ def largest_off(exact, found, name):
     return max(abs(float(e - x)) for e, x in zip(exact[name], found[name], strict=True))
 
 
-@each("evaluation, h, angle", [
+@pytest.mark.parametrize(("evaluation", "h", "angle"), [
     ("direct", 3e-2, 0.3), ("direct", 1e-2, 1.0), ("direct", 3e-3, 0.0), ("direct", 1e-3, 0.3),
     ("compensated", 3e-2, 1.0), ("compensated", 1e-2, 0.3), ("compensated", 1e-3, 0.0),
     ("compensated", 1e-3, 1.0),
@@ -97,7 +96,7 @@ def test_twins_are_other_marches_of_the_same_problem():
     np.testing.assert_array_equal(found.rounding["lambda"], again.rounding["lambda"])
 
 
-@each("options", [{"steps": True}, {"callback": print}])
+@pytest.mark.parametrize("options", [{"steps": True}, {"callback": print}])
 def test_twins_of_what_has_none(options):
     """A loop, a callback: refused in one line."""
     with pytest.raises(ArgumentError, match="twins: not with steps=True, callback or state"):

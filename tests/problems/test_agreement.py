@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-from each import each
 from test_constraint_rows import ALL, wavy_definition
 
 import newmark_cli as newmark
@@ -107,7 +106,7 @@ RIGHT = {
 }  # fmt: skip
 
 
-@each("name", RIGHT)
+@pytest.mark.parametrize("name", RIGHT)
 def test_right_problems_are_not_refused(name):
     """Whatever their scale, noise, kinks, jumps and singular states."""
     with np.errstate(invalid="ignore"):
@@ -149,7 +148,7 @@ def refusal(given):
     return ""
 
 
-@each("given", [wavy_definition(given=ALL), resisted(), shifted()])
+@pytest.mark.parametrize("given", [wavy_definition(given=ALL), resisted(), shifted()])
 def test_wrong_derivatives_are_refused_at_load(given):
     """Also where the wrong entry vanishes at the start, in any unit."""
     refused, passed = 0, []
@@ -168,7 +167,7 @@ def test_wrong_derivatives_are_refused_at_load(given):
     assert refused >= 2
 
 
-@each("factor", [-1.0, 1.01])
+@pytest.mark.parametrize("factor", [-1.0, 1.01])
 def test_the_message_names_entry_and_both_values(factor):
     """A pendulum from a level start, where the wrong entry is 0."""
     given = pendulum(gradient=lambda u, t: np.array([[u[0]], [factor * u[1]]]))
@@ -180,7 +179,7 @@ def test_the_message_names_entry_and_both_values(factor):
     assert float(found[1]) / float(found[2]) == pytest.approx(factor, rel=1e-6)
 
 
-@each("given", [pendulum(), shifted(), RIGHT["drag"]])
+@pytest.mark.parametrize("given", [pendulum(), shifted(), RIGHT["drag"]])
 def test_energies_that_nothing_conserves_are_refused(given):
     """Also next to dissipation, which takes from a right energy."""
     for kinetic, weight in ((0.5, 1.01), (0.5, -1), (0.5, 0), (0, 1), (1, 1)):

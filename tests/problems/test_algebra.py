@@ -4,7 +4,6 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -50,7 +49,7 @@ def test_norms(vector):
         assert abs(algebra.norm(vector) - expected) <= max(rounding, 1e-150)
 
 
-@each("shape", [(1, 1), (3, 5), (7, 4)])
+@pytest.mark.parametrize("shape", [(1, 1), (3, 5), (7, 4)])
 def test_spectral_norms(shape):
     """The largest singular value, whatever the sizes of rows and columns."""
     for seed in range(2):
@@ -62,7 +61,7 @@ def test_spectral_norms(shape):
         assert scaled == np.ldexp(algebra.spectral_norm(matrix), 900)
 
 
-@each("size", [1, 5])
+@pytest.mark.parametrize("size", [1, 5])
 def test_factors(size):
     """Solutions and inverses have small residuals; P A = L U is what is said of it."""
     for seed in range(2):

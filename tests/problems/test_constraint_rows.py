@@ -5,7 +5,6 @@ import numpy as np
 import oracles
 import pytest
 from damped import damped
-from each import each
 from mpmath import mp
 
 import newmark_cli as newmark
@@ -101,7 +100,9 @@ def assert_alike(found, expected, tolerances):
         np.testing.assert_allclose(one, other, rtol=0, atol=tolerance * np.abs(other).max())
 
 
-@each("given, compiled", [((), False), (("curvature",), False), (ALL, False), (ALL, True)])
+@pytest.mark.parametrize(
+    ("given", "compiled"), [((), False), (("curvature",), False), (ALL, False), (ALL, True)]
+)
 def test_rows_against_mpmath(given, compiled):
     """Given ones exactly; what enters the residual by differences to 1e-10, tangents to 1e-9.
 
@@ -160,7 +161,7 @@ def test_rows_of_quadratic_constraints_follow_from_the_gradient():
         np.testing.assert_array_equal(part, 0)
 
 
-@each("of_chain", [False, True])
+@pytest.mark.parametrize("of_chain", [False, True])
 def test_projections_solve_the_bordered_system(of_chain):
     """δ and μ against the matrix written out, in the units of M δ = G μ, dense and sparse."""
     subject = newmark.problem("chain", links=60) if of_chain else damped()

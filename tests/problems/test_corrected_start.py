@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from damped import MASS, damped
-from each import each
 from marching import scheme_of
 from mpmath import mp, mpf
 from test_constraint_rows import wavy, wavy_phi
@@ -29,7 +29,9 @@ def bent():
     return wavy(lambda function: function, ("curvature",))
 
 
-@each("make, phi", [(wavy, wavy_phi), (bent, wavy_phi), (damped, ellipsoid_phi)])
+@pytest.mark.parametrize(
+    ("make", "phi"), [(wavy, wavy_phi), (bent, wavy_phi), (damped, ellipsoid_phi)]
+)
 def test_the_jerk_and_the_velocity_that_it_asks_for(make, phi):
     """Gᵀu‴ is what the third derivative of Φ along u + sv + s²a/2 lacks; by mpmath."""
     subject = moving(make())

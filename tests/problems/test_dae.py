@@ -5,7 +5,6 @@ import itertools
 
 import numpy as np
 import pytest
-from each import each
 
 import newmark_cli as newmark
 from newmark_cli.problems import reference
@@ -16,7 +15,9 @@ SOLUTIONS = {
     name: (t, functools.cache(lambda name=name, t=t: reference.solution(newmark.problem(name), t)))
     for name, t in (("shaken-pendulum", 0.2), ("heavy-top", 0.003))
 }
-EVERY = each("name, equations, integrals", itertools.product(SOLUTIONS, ROWS, (False, True)))
+EVERY = pytest.mark.parametrize(
+    ("name", "equations", "integrals"), itertools.product(SOLUTIONS, ROWS, (False, True))
+)
 
 
 @EVERY
@@ -53,7 +54,7 @@ def test_jacobians_are_those_of_differences(name, equations, integrals):
         assert np.abs(found - expected).max() < 1e-6 * max(1.0, np.abs(expected).max())
 
 
-@each("words", [
+@pytest.mark.parametrize("words", [
     ("advise", "andrews", "--code", "ida"), ("advise", "andrews", "--accuracy", "1e-3"),
 ])  # fmt: skip
 def test_what_replaces_advice_for_dae_codes_is_said(cli, words):

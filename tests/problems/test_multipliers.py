@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import VERDICTS, bench
-from each import each
 from mechanisms import built
 from pages import ROOT
 
@@ -31,7 +30,7 @@ def least(mass, force, gradient, wanted):
     return 0.5 * change @ mass @ change
 
 
-@each("name", ["slider-crank", "shaken-pendulum", "bricard"])
+@pytest.mark.parametrize("name", ["slider-crank", "shaken-pendulum", "bricard"])
 def test_a_weighted_multiplier_is_what_gauss_function_falls_by(name):
     """½ (λ_k / √E_k)², for each constraint that is cut while the others hold."""
     subject = problem(name)
@@ -62,7 +61,7 @@ THERE = bench("variants").Coordinates(0.7, 1000.0, 3 - 2j, True)
 FILES = [*sorted((VERDICTS / "problems").glob("*.yaml")), ROOT / "docs/examples/hoist.yaml"]
 
 
-@each("file", FILES)
+@pytest.mark.parametrize("file", FILES)
 def test_the_same_motion_in_other_coordinates(file):
     """Accelerations are those of before, turned and in millimetres; errors of λ are the same."""
     data = documents.read(file).data

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from each import each
+import pytest
 from matplotlib.axes import Axes
 from PIL import Image
 
@@ -45,7 +45,7 @@ def test_compiled_code_runs_through_the_kernel(cli):
     assert verdicts.count("pass") >= 3
 
 
-@each("name", [
+@pytest.mark.parametrize("name", [
     "andrews", "slider-crank", "shaken-pendulum", "governor", "spatial-slider-crank",
     "chain(links=40)", "four-bars(windows=3)", "spatial-chain(bodies=30)",
 ])  # fmt: skip
@@ -132,7 +132,7 @@ bars: {rod: {from: A, to: B, length: LENGTH}}
 """
 
 
-@each("text, said", [
+@pytest.mark.parametrize(("text", "said"), [
     (BAR.replace("LENGTH", "5"), "nothing moved"),
     (BAR.replace("LENGTH", "8"), "B, the farthest, is 3 m from its guess"),
     (TURN, f"box has turned most, by {np.degrees(np.arctan(0.3)):.3g}°"),

@@ -5,7 +5,6 @@ import marching
 import numba
 import numpy as np
 import pytest
-from each import each
 from marching import scheme_of
 
 from newmark_cli.mechanisms.registry import problem
@@ -102,7 +101,7 @@ def test_any_object_with_the_attributes_serves(tmp_path):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-14)
 
 
-@each("old, new, words", [
+@pytest.mark.parametrize(("old", "new", "words"), [
     ("return Problem()", "raise KeyError('oops')", "line 13: factory failed: KeyError: 'oops'"),
     ("return Problem()", "return 3", "line 12: factory returned 3, which lacks mass_matrix, u0"),
     ("def factory", "def other", "has no function 'factory'"),

@@ -6,7 +6,6 @@ import numpy as np
 import oracles
 import pytest
 from damaging import damaged
-from each import each
 from mechanisms import built
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
@@ -45,7 +44,7 @@ def pendulum(t):
         return [np.array(part, float) for part in ([x, y], [-rate * y, rate * x], [3 * y])]
 
 
-@each("t", TIMES)
+@pytest.mark.parametrize("t", TIMES)
 def test_known_pendulum_is_exact(t):
     """Against mpmath: as good as it says, and that is very good unless v or λ vanish."""
     found = KNOWN["pendulum"](t)
@@ -183,7 +182,7 @@ def test_index_1_system_by_both_factorisations(monkeypatch):
         np.testing.assert_allclose(dense, sparse, rtol=0, atol=1e-12 * np.abs(dense).max())
 
 
-@each("limit, value, words", [
+@pytest.mark.parametrize(("limit", "value", "words"), [
     ("_MOST_STEPS", 20, r"no reference beyond t = 0\.\d+, which 20 steps"),
     ("_WORST", 1e-13, r"so sensitive that its solutions .* are .* apart"),
 ])  # fmt: skip
@@ -280,7 +279,7 @@ gravity: [0, -1]
 """
 
 
-@each("old, new", [
+@pytest.mark.parametrize(("old", "new"), [
     ("stiffness: 2", "stiffness: 2.0000000000000004"),
     ("mass: 1}", "mass: 1, velocity: [-0.8, 0.6]}"),
     ("gravity: [0, -1]", "gravity: [0, -2]"),

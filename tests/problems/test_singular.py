@@ -5,7 +5,6 @@ import re
 
 import numpy as np
 import pytest
-from each import each
 from mechanisms import built
 from scipy.integrate import quad
 from scipy.optimize import brentq
@@ -79,7 +78,7 @@ project_velocities: true
 """
 
 
-@each("text, motion, t, end", [
+@pytest.mark.parametrize(("text", "motion", "t", "end"), [
     (SLIDER_CRANK, "{point: S, x: {rate: 1}}", 1.0, 0.8),
     (PARALLELOGRAM, "{point: P, y: {rate: -1.2}}", 0.9, 2 / 3),
 ])  # fmt: skip
@@ -98,7 +97,7 @@ def test_driven_to_singular_positions(text, motion, t, end):
 TIMES = np.array([-0.5, -0.3, -0.12, 0.07, 0.25, 0.41])
 
 
-@each("value, expected", [
+@pytest.mark.parametrize(("value", "expected"), [
     (lambda t: t - 0.07, [0.07]),
     (lambda t: np.sin(t) - 0.2, [math.asin(0.2)]),
     (lambda t: 0.1 * (t - 0.05) ** 2, [0.05]),
@@ -134,8 +133,8 @@ project_velocities: true
 """
 
 
-@each("options", ["", "assemble: true"])
-@each("off", [0.0, 1e-10, 1e-8])
+@pytest.mark.parametrize("options", ["", "assemble: true"])
+@pytest.mark.parametrize("off", [0.0, 1e-10, 1e-8])
 def test_driven_at_a_dead_centre(off, options):
     """Refused with the line of a constraint, or started with velocities that fit it."""
     document = parse(DRIVEN.format(off=off, options=options), "m.yaml")

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import pytest
 from conftest import SWING
-from each import each
 
 from newmark_cli.mechanisms.spec import PythonFactory, portable
 from newmark_cli.problems.problem import ProblemError
@@ -69,7 +68,7 @@ KINDS = {
 }
 
 
-@each("kind", KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_imports(tmp_path, monkeypatch, kind):
     """From beside the file, whatever the current folder; nothing is left behind.
 
@@ -107,8 +106,8 @@ def test_python_and_what_is_installed_go_first(tmp_path):
     assert length(factory(folder(tmp_path, "here", files))) == 2.0
 
 
-@each(
-    "sizes, words",
+@pytest.mark.parametrize(
+    ("sizes", "words"),
     [
         ({}, "mine.py, line 5: ModuleNotFoundError: No module named 'sizes'"),
         ({"sizes.py": "LENGTH =\n"}, "mine.py, line 5: sizes.py, line 1: SyntaxError"),

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import synthetic
 from command_line import invoke
-from each import each
 
 from newmark_cli.report.judging import expectations
 from newmark_cli.report.judging.slopes import of_csv
@@ -16,7 +15,7 @@ from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import config, csv_files, shipped
 from newmark_cli.study.entries import expectations as plain
 
-EVERY_FIGURE = each("figure", synthetic.CLAIMING)
+EVERY_FIGURE = pytest.mark.parametrize("figure", synthetic.CLAIMING)
 
 
 def judged(path):
@@ -97,7 +96,7 @@ U = {"quantity": ["u"], "figure": "7", "label": "u"}
 TO_LAMBDA = {"over": {"quantity": ["lambda"]}}
 
 
-@each(
+@pytest.mark.parametrize(
     ("given", "text", "value", "verdict"),
     [
         ({"at_most": 1}, "u, every h: at most 1", 1.0, PASS),
@@ -170,8 +169,8 @@ def test_check_prints_claims(tmp_path):
     }  # fmt: skip
 
 
-@each(
-    "change, said",
+@pytest.mark.parametrize(
+    ("change", "said"),
     [
         (lambda row: {"met": 999 if row["h"] == 1e-5 else row["met"]}, "every h: 1 "),
         (lambda row: {"preconditioning": "other[left:]"}, "no optimal"),

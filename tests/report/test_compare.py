@@ -7,7 +7,6 @@ import re
 import pytest
 import synthetic
 from conftest import rows_in
-from each import each
 
 from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.report.tables import compare as comparing
@@ -59,7 +58,7 @@ def test_the_same_results(compared):
     ]
 
 
-@each(
+@pytest.mark.parametrize(
     ("measure", "a", "b", "expected"),
     [
         ("condition", 1.0, 1.0 + 0.9e-6, True),

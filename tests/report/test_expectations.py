@@ -9,7 +9,6 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from command_line import invoke
 from conftest import rows_in
-from each import each
 
 import newmark_cli as newmark
 from newmark_cli.report.reading import records
@@ -264,7 +263,7 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting):
     assert counts == [*SPELLED.values()]
 
 
-@each("entry, words", [
+@pytest.mark.parametrize(("entry", "words"), [
     ("{measure: eror, slope: 2}", "measure: unknown measure 'eror'; did you mean 'error'?"),
     ("{measure: error, slop: 2}", "slop: unknown key; did you mean 'slope'?"),
     ("{measure: error}", "slope: missing: give slope, at_most, at_least, spread or status"),

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import synthetic
-from each import each
 
 import newmark_cli
 from newmark_cli.report.drawing import sheets
@@ -28,7 +27,7 @@ def order(reference):
     return np.diff(np.log10(reference.y))[0] / np.diff(np.log10(reference.x))[0]
 
 
-@each("figure", ORDER_FIGURES)
+@pytest.mark.parametrize("figure", ORDER_FIGURES)
 def test_order_figures_draw_the_csv(committed_folder, committed_results, figure):
     """Each series is the statistic of the CSV's rows; legend and prediction match the fit."""
     sheet = sheets.sheet(figure, committed_results(figure.study))
@@ -68,7 +67,7 @@ def sheet_of(folder, figure, table=None):
     return sheets.sheet(figure, Results(folder, of_csv(path)))
 
 
-@each("figure", STUDY_FIGURES)
+@pytest.mark.parametrize("figure", STUDY_FIGURES)
 def test_study_figures_draw_the_csv(tmp_path, figure):
     """Each series is what its rows say, in a look of its own, named in the legend."""
     (panel,) = sheet_of(tmp_path, figure).panels
@@ -165,8 +164,8 @@ def history(tmp_path_factory):
     return synthetic.write_history(tmp_path_factory.mktemp("history"), FIGURES["15"]).read_text()
 
 
-@each(
-    "damage, words",
+@pytest.mark.parametrize(
+    ("damage", "words"),
     [
         (lambda text: text[:-3], "truncated"),
         (lambda text: text.rpartition("\n")[0].rpartition(",")[0] + "\n", "fields where"),
@@ -207,7 +206,7 @@ def test_only_the_drawing_modules_import_matplotlib():
     }
 
 
-@each("figure", [f for f in FIGURES.values() if f.curves])
+@pytest.mark.parametrize("figure", [f for f in FIGURES.values() if f.curves])
 def test_shipped_configs_give_what_figures_draw(figure):
     """Every series of a figure has cells, under the labels that the CSV will have."""
     cells = [
@@ -227,7 +226,7 @@ def test_shipped_configs_give_what_figures_draw(figure):
         assert {column: getattr(curve, column) for column in cells[0]} in cells, curve.label
 
 
-@each(
+@pytest.mark.parametrize(
     ("slope", "stderr", "text"),
     [
         (-2.046, 0.0512, "−2.05 ± 0.05"),

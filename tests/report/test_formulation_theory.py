@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import test_slopes
 from conftest import QUICK, rows_in
-from each import each
 
 import newmark_cli
 from newmark_cli.newmark.forms import FORMS
@@ -71,7 +70,7 @@ def bounded(order, **rest):
     return judge(Evidence(H, 1e-16 * H**order, np.zeros(4), 1 / H, **given))
 
 
-@each("kind", ["rounding", "determined"])
+@pytest.mark.parametrize("kind", ["rounding", "determined"])
 def test_bounds_are_judged_from_one_side(kind):
     """Falling faster passes and says why; falling slower, or growing, does not."""
     found = bounded(0.7, kind=kind)
@@ -83,7 +82,7 @@ def test_bounds_are_judged_from_one_side(kind):
     assert bounded(0.7, kind=kind, bound="").verdict == MISS
 
 
-@each("rate, expected", [(1e3, UNDECIDED), (1.0, MISS)])
+@pytest.mark.parametrize(("rate", "expected"), [(1e3, UNDECIDED), (1.0, MISS)])
 def test_a_rate_that_no_step_size_resolves_is_not_asymptotic(tmp_path, rate, expected):
     """Orders of a fixed rate need α h below 0.1 at three step sizes; then a miss is one."""
     values = {h: 1e-12 * h**-1.5 for h in (1e-1, 1e-2, 1e-3, 1e-4)}
@@ -128,7 +127,7 @@ def test_orders_of_an_augmented_lagrangian(cli):
     assert found["condition"] == 0
 
 
-@each("formulation", ["ggl", "augmented-lagrangian penalty=3"])
+@pytest.mark.parametrize("formulation", ["ggl", "augmented-lagrangian penalty=3"])
 def test_derive_a_formulation(cli, formulation):
     """The powers of the project's factors, in every form."""
     text = cli("orders", "--derive", "--formulation", formulation).stdout
@@ -169,7 +168,7 @@ def test_tables_of_formulations(cli):
     assert markdown.strip() in docs
 
 
-@each("form", FORMS)
+@pytest.mark.parametrize("form", FORMS)
 def test_scaling_of_a_formulation(form):
     """New rows as velocities and accelerations are scaled; η as displacements."""
     found = newmark_cli.scaling(form, h=1e-2, formulation="ggl")

@@ -5,7 +5,6 @@ import itertools
 import numpy as np
 import pytest
 from covering import covering
-from each import each
 
 from newmark_cli.report.drawing import draw, sheets
 from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, look
@@ -104,8 +103,8 @@ def sheet(kind, panels, series, words):
     )  # fmt: skip
 
 
-@each(
-    "kind, panels, series, words, width",
+@pytest.mark.parametrize(
+    ("kind", "panels", "series", "words", "width"),
     covering(
         ("orders", "work", "history", "grouped"),
         (1, 6),
@@ -119,7 +118,7 @@ def test_nothing_lies_on_anything_else(kind, panels, series, words, width):
     require_whole(draw.drawn(sheet(kind, panels, series, words), (width, None)))
 
 
-@each("name, width", [
+@pytest.mark.parametrize(("name", "width"), [
     ("6", 3.3), ("13", 7.0), ("15", 3.3), ("18", 7.0), ("sensitivity", 3.3),
 ])  # fmt: skip
 def test_shipped_figures_are_whole(committed_results, name, width):

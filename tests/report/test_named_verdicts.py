@@ -4,7 +4,6 @@ import csv
 
 import pytest
 from bench import VERDICTS, bench
-from each import each
 
 from newmark_cli.report.judging.slopes import of_csv
 from newmark_cli.report.judging.verdicts import FAILING, MISS, NOT_CONVERGING, PASS
@@ -22,7 +21,7 @@ def judged(tmp_path_factory):
     return {slope.problem: slope for slope in of_csv(path)}
 
 
-@each("series", NAMED.NAMED)
+@pytest.mark.parametrize("series", NAMED.NAMED)
 def test_named_series(judged, series):
     """No right series is a miss, no wrong one passes, and of too few points nothing is said."""
     slope, label = judged[series.problem], TRUTH[series.problem]["label"]

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import matplotlib as mpl
 import numpy as np
+import pytest
 import synthetic
 from command_line import invoke
-from each import each
 
 from newmark_cli.report.drawing import draw, panels, plot, sheets, traces
 from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, look
@@ -170,7 +170,7 @@ def test_ticks_within_a_decade():
         assert expected <= seen
 
 
-@each("problem", ["andrews", "pendulum", "andrews.yaml"])
+@pytest.mark.parametrize("problem", ["andrews", "pendulum", "andrews.yaml"])
 def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     """Figure 6 is not drawn into a stranger's results, unless it is asked for by name."""
     own = [row | {"study": "own", "problem": problem} for row in synthetic.rows(FIGURES["12"])]
@@ -185,7 +185,9 @@ def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
     assert printed.split() == ["figures/figure-6.svg"]
 
 
-@each("value, text", [(0.0005, "0.0005"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")])
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.0005, "0.0005"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")]
+)
 def test_ticks_of_short_axes(value, text):
     """Numbers of less than two powers of ten on an axis: large ones as powers."""
     assert draw._number(value) == text

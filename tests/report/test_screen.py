@@ -7,7 +7,6 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
-from each import each
 from test_show import on_a_terminal
 
 import newmark_cli as newmark
@@ -102,7 +101,9 @@ def test_no_command_prints_control_characters(cli, hostile):
 NAMES = ("$x^2$", "$", r"\frac{", r"$\frac{$", r"\$x$", "a_b^c{}", "<b>&amp;]]>-->", BAD)
 
 
-@each("name, fits", [*((name, True) for name in NAMES), ("$x^2$", False), (BAD, False)])
+@pytest.mark.parametrize(
+    ("name", "fits"), [*((name, True) for name in NAMES), ("$x^2$", False), (BAD, False)]
+)
 def test_figures_write_names_as_they_are(name, fits):
     """In legends, titles and among the points; SVGs stay XML."""
     h = np.array([1e-3, 1e-2, 1e-1])

@@ -15,7 +15,6 @@ from unittest import mock
 import pytest
 import synthetic
 from conftest import rows_in
-from each import each
 from test_slopes import power, series
 
 from newmark_cli.report.judging import text
@@ -122,8 +121,8 @@ def test_recovered_fields_only_when_asked_for(cli, quick):
     assert "Δu" not in shown
 
 
-@each(
-    "options, names",
+@pytest.mark.parametrize(
+    ("options", "names"),
     [
         (["--integrator", "trapezoidal"], {("newmark beta=0.25 gamma=0.5", "andrews")}),
         (["--integrator", "generalized-alpha"], {(DAMPED, "swing.yaml")}),
@@ -229,7 +228,7 @@ WIDE = [
 ]
 
 
-@each("columns", ["40", "80", "120", "400"])
+@pytest.mark.parametrize("columns", ["40", "80", "120", "400"])
 def test_tables_are_folded_not_cut(monkeypatch, columns):
     """No line is wider than the terminal, and every character of every entry is there."""
     monkeypatch.setenv("COLUMNS", columns)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import synthetic
 from conftest import rows_in
-from each import each
 
 from newmark_cli.report.judging.fits import log10
 from newmark_cli.report.judging.slopes import COLUMNS, collect, of_csv, write
@@ -51,8 +50,8 @@ def found(folder, table, accept=None):
     return of_csv(path)
 
 
-@each(
-    "label, order, damped",
+@pytest.mark.parametrize(
+    ("label", "order", "damped"),
     [
         ("newmark beta=0.25 gamma=0.5", 2, False),
         ("newmark beta=0.3025 gamma=0.6", 1, True),
@@ -76,7 +75,7 @@ def test_integrators(tmp_path, label, order, damped):
     assert {s.tolerance for s in errors[:2]} == {0.2}
 
 
-@each("accept", [None, ["not_converging"]])
+@pytest.mark.parametrize("accept", [None, ["not_converging"]])
 def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
     """Where theory predicts no order: the trapezoidal λ, not u, which has order 2."""
     table = series((2.1, 2.1, 2.1), measure="error", quantity="lambda")
@@ -89,7 +88,7 @@ def test_a_study_may_be_about_what_does_not_converge(tmp_path, accept):
     assert [s.fails for s in found(tmp_path, table, accept)] == [True]
 
 
-@each("quantity", ["position", "velocity", "multiplier", "energy"])
+@pytest.mark.parametrize("quantity", ["position", "velocity", "multiplier", "energy"])
 def test_invariants(tmp_path, quantity):
     """Nothing is predicted; what falls with h, or is rounding, is shown; what does not, fails."""
     for values, verdict in (
@@ -155,11 +154,11 @@ def test_singular_positions_and_rest_are_told(tmp_path):
         assert told == ("singular" in facts)
 
 
-@each("measure, quantity", [
+@pytest.mark.parametrize(("measure", "quantity"), [
     ("krylov_iterations", "jacobian"), ("krylov_residual", "jacobian"), ("history", "lambda"),
     ("tolerance", "newton"),
 ])  # fmt: skip
-@each("status", ["ok", "not_converged", "diverged"])
+@pytest.mark.parametrize("status", ["ok", "not_converged", "diverged"])
 def test_shown(tmp_path, measure, quantity, status):
     """No prediction, no tolerance; neither counted nor failed, whatever the cells' status."""
     table = series(
@@ -205,8 +204,8 @@ def test_stagnated_cells_show_the_limit(tmp_path):
     assert slope.statuses == ("ok", "stagnated")
 
 
-@each(
-    "accept, verdicts",
+@pytest.mark.parametrize(
+    ("accept", "verdicts"),
     [
         (None, [PASS, INCOMPLETE, INCOMPLETE]),
         ([], [PASS, INCOMPLETE, INCOMPLETE]),
@@ -233,8 +232,8 @@ def test_records_of_all_kinds_are_read(tmp_path):
         assert [s.verdict for s in found(tmp_path, table)] == [PASS]
 
 
-@each(
-    "column, value, order, verdict",
+@pytest.mark.parametrize(
+    ("column", "value", "order", "verdict"),
     [
         # Another case of the study: two points fit any line, but nothing was cut off.
         ("integrator", "bdf2", -2, UNDECIDED),
@@ -291,7 +290,9 @@ def test_fits_have_the_same_bits_whatever_the_logarithm(committed_folder, tmp_pa
         assert any(row.items() <= other.items() for other in shipped), row
 
 
-@each("x", [1e-300, 3e-7, 0.7, 1.0, 1.4142135623730951, 1e-3, 10.0, 1e22, 1.7e308, 5e-324])
+@pytest.mark.parametrize(
+    "x", [1e-300, 3e-7, 0.7, 1.0, 1.4142135623730951, 1e-3, 10.0, 1e22, 1.7e308, 5e-324]
+)
 def test_logarithms_are_as_exact_as_they_need_be(x):
     """Within three units in the last place of the logarithm, or of 1 near x = 1."""
     exact = Decimal(x).log10()

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import synthetic
 from conftest import QUICK
-from each import each
 
 from newmark_cli.report.drawing import automatic, draw, plot, sheets
 from newmark_cli.report.drawing.sheets import Results
@@ -105,7 +104,7 @@ def test_one_figure_for_each_problem_form_quantity_and_measure(tmp_path):
     assert found["mine-pendulum-u-lambda-error-u"].curves[0].problem == "pendulum"
 
 
-@each("values, series, panels, columns", [
+@pytest.mark.parametrize(("values", "series", "panels", "columns"), [
         ({}, ["optimal"], [""], 1),
         ({"integrator": [TRAPEZOIDAL, "bdf2"]}, ["trapezoidal", "BDF2"], [""], 1),
         (
@@ -394,7 +393,7 @@ def test_a_definition_that_means_several_figures_gives_several(tmp_path):
 SHOWS, NUMBERED = "measure: correction", "figure: 7, problem: pendulum, quantity: u"
 
 
-@each("text, told", [
+@pytest.mark.parametrize(("text", "told"), [
     ("- measure: correcton", "line 8: figures[1].measure: unknown measure 'correcton'"),
     ("- measure: error", "line 8: figures[1].measure: 'error' is not among the study's"),
     ("- quantity: u", "line 8: figures[1].measure: missing"),
@@ -660,7 +659,7 @@ def test_tables_of_ones_own(mine):
         assert (row["quantity"], row["predicted"], row["verdict"]) == ("u", "2.0", "pass")
 
 
-@each("options, told", [
+@pytest.mark.parametrize(("options", "told"), [
     (("--rows", "quantiti"), "--rows: unknown axis 'quantiti'; did you mean 'quantity'?"),
     (("--values", "slop"), "--values: unknown value 'slop'; did you mean 'slope'?"),
     (("--columns", "preconditioning"), "--columns: preconditioning already tells"),

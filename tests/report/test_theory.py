@@ -8,7 +8,6 @@ import oracles
 import pytest
 from conftest import QUICK
 from covering import covering
-from each import each
 from marching import scheme_of, start
 from mpmath import mp
 
@@ -101,7 +100,7 @@ def test_orders_refuses(cli):
     assert "--config already names" in cli.refused("orders", "--form", "u-lambda", "--config", "x")
 
 
-@each(
+@pytest.mark.parametrize(
     ("name", "form", "variant"), covering(oracles.REFERENCES, FORMS, ("none", "right", "optimal"))
 )
 def test_sensitivities_are_columns_of_the_inverse(name, form, variant):

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -66,7 +65,7 @@ GARBAGE = {"values": [0.75, 1.9, 1.15], "h": [1e-3, 3e-4, 1e-4]}
 HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5, 2e-5]}
 
 
-@each("said, given, verdict, reason", [
+@pytest.mark.parametrize(("said", "given", "verdict", "reason"), [
     ("it converges to something else",
      evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-6, 2.2e-6]), NOT_CONVERGING, "does not fall with h.*"),
     ("three points of order 2 do not hide that",
@@ -225,7 +224,7 @@ def scattered(values, expected, h=None, **rest):
     )
 
 
-@each("said, given, verdict, reason", [
+@pytest.mark.parametrize(("said", "given", "verdict", "reason"), [
     # As the pendulum's corrections do.
     ("scatter about an order passes", scattered([5e-9, 4e-7, 6e-5, 5e-3], -2.0), PASS, ""),
     ("flat is no order −2", scattered([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0), MISS, ".*"),
@@ -260,7 +259,7 @@ def condition(orders, expected, values=(), **rest):
     return evidence(values, kind="determined", expected=expected, **rest)
 
 
-@each("said, given, verdict", [
+@pytest.mark.parametrize(("said", "given", "verdict"), [
     ("a crossover is on its way", condition([-2.0, -2.1, -2.7], -3.0), UNDECIDED),
     ("multipliers that drift in the matrix decide nothing",
      condition([-2.0, -2.0, -2.34], -2.0), UNDECIDED),

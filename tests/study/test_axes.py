@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 import command_line
+import pytest
 from conftest import QUICK, rows_in
-from each import each
 
 from newmark_cli.newmark.scaling import Preconditioning, canonical
 from newmark_cli.report.judging import slopes
@@ -55,7 +55,9 @@ def strip(path, *columns):
     )
 
 
-@each("missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")])
+@pytest.mark.parametrize(
+    "missing", [("row_block", "stop", "met"), ("evaluation",), ("precision", "linear_solver")]
+)
 def test_older_csvs_are_read_with_defaults(cli, committed_folder, missing):
     """A column that did not exist has the value that went without saying; verdicts stay."""
     path = cli.folder / "pendulum-u.csv"

@@ -1,7 +1,6 @@
 """What `list` says of problems, integrators, scalings and measures, against the code."""
 
 import pytest
-from each import each
 
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.families import FAMILIES
@@ -23,7 +22,7 @@ def test_sizes_of_shipped_problems_are_those_of_the_built(sections):
         assert mechanism.description
 
 
-@each("name", FAMILIES)
+@pytest.mark.parametrize("name", FAMILIES)
 def test_sizes_of_families_are_those_of_their_members(sections, name):
     family = FAMILIES[name]
     built = family.problem(name, dict.fromkeys(family.parameters, 3))

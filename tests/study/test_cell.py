@@ -1,7 +1,6 @@
 """Cells: which states are sampled, and what is told while they run."""
 
 import pytest
-from each import each
 
 from newmark_cli.newmark import perturbation
 from newmark_cli.newmark.linear.dense import DenseSystem
@@ -10,7 +9,7 @@ from newmark_cli.study.axes import Cell
 from newmark_cli.study.compute import compute
 
 
-@each("samples, steps", [(32, 10_000), (3, 10_000), (32, 5), (1, 12_000)])
+@pytest.mark.parametrize(("samples", "steps"), [(32, 10_000), (3, 10_000), (32, 5), (1, 12_000)])
 def test_sampled_states(monkeypatch, samples, steps):
     """As many as asked for, evenly spread, each at its own time, the last at the end."""
     times = []

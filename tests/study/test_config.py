@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 from conftest import QUICK
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -23,7 +22,7 @@ def load(tmp_path, text):
     return config.load(path, "c.yaml")
 
 
-@each("name", config.shipped())
+@pytest.mark.parametrize("name", config.shipped())
 def test_shipped_configs_load(name):
     """Every shipped config is valid and named after its file."""
     study = config.find(name)
@@ -172,7 +171,7 @@ MISTAKES = [
 ]
 
 
-@each(("old", "new", "line", "words"), MISTAKES)
+@pytest.mark.parametrize(("old", "new", "line", "words"), MISTAKES)
 def test_mistakes_are_located(tmp_path, old, new, line, words):
     assert old in QUICK
     with pytest.raises(DocumentError) as caught:
@@ -184,8 +183,8 @@ def test_mistakes_are_located(tmp_path, old, new, line, words):
     assert len(text) < 1000
 
 
-@each(
-    "content, words",
+@pytest.mark.parametrize(
+    ("content", "words"),
     [
         (b"", "the file is empty"),
         (b"# only a comment\n", "the file is empty"),
@@ -216,7 +215,7 @@ def test_whole_numbers(tmp_path):
     assert type(cell.steps) is type(cell.samples) is int
 
 
-@each("family", FAMILIES)
+@pytest.mark.parametrize("family", FAMILIES)
 def test_large_members_need_not_be_built(tmp_path, family):
     """What a config must know of them is known at once, and right."""
     names = FAMILIES[family].parameters

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pandas as pd
+import pytest
 from conftest import SWING
-from each import each
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -47,7 +47,7 @@ def test_any_name_reads_back(rows):
         assert parse_csv("\n".join(lines[line - 1 :]))[0][0] == row
 
 
-@each("name", FORMULAS)
+@pytest.mark.parametrize("name", FORMULAS)
 def test_no_name_is_a_formula(name):
     """At the beginning of a cell."""
     text = written([(name, "x")])
@@ -64,7 +64,7 @@ def test_numbers_stay_numbers():
     assert csv_text(["x"], [{"x": "-2-2"}]) == "x\n'-2-2\n"
 
 
-@each("file", ["pendulum-u", "all-forms", "slopes", "trajectory/history"])
+@pytest.mark.parametrize("file", ["pendulum-u", "all-forms", "slopes", "trajectory/history"])
 def test_committed_files_are_written_the_same(committed_folder, file):
     """Byte for byte, from what is read of them."""
     text = (committed_folder / f"{file}.csv").read_bytes().decode()
@@ -72,7 +72,7 @@ def test_committed_files_are_written_the_same(committed_folder, file):
     assert csv_text(header, [dict(zip(header, row, strict=True)) for row in rows]) == text
 
 
-@each("study", ["pendulum-u", "andrews-u", "krylov", "sensitivity"])
+@pytest.mark.parametrize("study", ["pendulum-u", "andrews-u", "krylov", "sensitivity"])
 def test_rows_and_series_are_those_that_pandas_finds(committed_folder, study):
     """Numbers to the last bit; series in the order of their first rows, each with its own."""
     path = committed_folder / f"{study}.csv"

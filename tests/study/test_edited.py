@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from each import each
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.spec import ForcedMechanism, PythonFactory, with_problem
@@ -107,7 +106,7 @@ def at_start(frame, kind):
     return newmark.trajectories(frame)[KINDS[kind][4]].iloc[0]
 
 
-@each("kind", KINDS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_runs_are_of_what_was_read(tmp_path, monkeypatch, kind):
     """One content throughout, which the record names; the next run is of the other.
 
@@ -142,7 +141,7 @@ def test_runs_are_of_what_was_read(tmp_path, monkeypatch, kind):
     assert len(list((tmp_path / "out/cells").iterdir())) == 2
 
 
-@each("kind", ["force", "module of a force", "python", "module"])
+@pytest.mark.parametrize("kind", ["force", "module of a force", "python", "module"])
 def test_another_process_refuses_code_that_has_changed(tmp_path, monkeypatch, kind):
     """As one that takes the place of a process which has ended."""
     monkeypatch.chdir(tmp_path)

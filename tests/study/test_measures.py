@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from each import each
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -33,8 +32,8 @@ def test_statistics(values):
     assert found.rms == pytest.approx(float(exact), rel=1e-12)
 
 
-@each("variant", VARIANTS)
-@each("name", FORMS)
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("name", FORMS)
 def test_physical_corrections(name, variant):
     """Physical = D_R times scaled; eliminated fields by the weights of the form."""
     form, scheme = FORMS[name], scheme_of(name, variant, 1e-3)

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 import yaml
 from conftest import QUICK
-from each import each
 from jsonschema import Draft7Validator, Draft202012Validator
 
 from newmark_cli.mechanisms import loading
@@ -57,13 +56,13 @@ def judged(text, folder):
     return "", objection
 
 
-@each("file", COMMITTED)
+@pytest.mark.parametrize("file", COMMITTED)
 def test_committed_files_are_what_the_commands_print(cli, file):
     """After a change: newmark-study schema, schema mechanism, list --json (CONTRIBUTING)."""
     assert file.read_text() == cli(*COMMITTED[file]).stdout
 
 
-@each("kind", schema.SCHEMAS)
+@pytest.mark.parametrize("kind", schema.SCHEMAS)
 def test_schemas_are_schemas(kind):
     """By the metaschemas of both drafts, with a description for every key."""
     written = json.loads(schema.text(kind))
@@ -76,7 +75,7 @@ def test_schemas_are_schemas(kind):
                 assert "description" in value or "$ref" in value or key == "method", key
 
 
-@each("file", FILES)
+@pytest.mark.parametrize("file", FILES)
 def test_editors_find_the_schema_and_it_fits(file, folder):
     """The first line of every mechanism names the schema of its kind by a path."""
     text = file.read_text()
@@ -112,7 +111,7 @@ _Yaml12.add_implicit_resolver(
 )
 
 
-@each(
+@pytest.mark.parametrize(
     ("text", "old", "new"),
     [
         (QUICK, "problem: pendulum", "problem: hoist.yaml"),
@@ -146,7 +145,7 @@ def test_unusual_but_right(folder, text, old, new):
     assert not objection, (said, objection)
 
 
-@each(
+@pytest.mark.parametrize(
     ("text", "old", "new"),
     [
         (QUICK, "problem: pendulum\n", ""),

@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import rows_in
-from each import each
 
 import newmark_cli as newmark
 from newmark_cli.report.reading import records
@@ -48,7 +47,7 @@ def same_rows(rows, frame):
         assert [v.hex() for v in found.values()] == [v.hex() for v in expected.values()]
 
 
-@each("name", ["pendulum", "shaken-pendulum", "heavy-top"])
+@pytest.mark.parametrize("name", ["pendulum", "shaken-pendulum", "heavy-top"])
 def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkeypatch):
     """Of every shipped problem, to the bit: what `run` writes, `march` returns, `error` judges."""
     h = {"andrews": 1e-4, "pendulum": 1e-2}.get(name, 1e-3)
@@ -83,7 +82,7 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     assert (cli.folder / "results/trajectory/one.csv").read_text() == table
 
 
-@each("given, how, keep", [
+@pytest.mark.parametrize(("given", "how", "keep"), [
         ("{every: 30}", {"every": 30}, None),
         ("{every: 1000, keep: lambda}", {"every": 1000}, ["lambda["]),
         ("{at: [0.998, 0, 0.504, 0.5], keep: [u, energy]}",
@@ -217,8 +216,8 @@ def test_the_frame_of_a_run_has_its_trajectories(ran):
     assert newmark.slopes(frame)["measure"].tolist().count("trajectory") == 10
 
 
-@each(
-    "call, words",
+@pytest.mark.parametrize(
+    ("call", "words"),
     [
         (lambda: newmark.trajectories(pd.DataFrame()), "frame has no trajectories"),
         (lambda: newmark.trajectories(3), "give rows of run or a results folder, given 3"),

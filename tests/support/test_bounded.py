@@ -5,7 +5,6 @@ import subprocess
 
 import pytest
 from command_line import SCRIPT
-from each import each
 
 #: Most memory beyond that of a small config (bytes).
 MOST = 300e6
@@ -46,8 +45,8 @@ def least(tmp_path_factory):
     return validated(tmp_path_factory.mktemp("small"), SMALL)[1]
 
 
-@each(
-    "text, line",
+@pytest.mark.parametrize(
+    ("text", "line"),
     [
         (
             f"title: &t {TEXT}\npoints: {{P: {{fixed: [0, 0]}}}}\nbars: "

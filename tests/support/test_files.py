@@ -7,7 +7,6 @@ import threading
 from pathlib import Path
 
 import pytest
-from each import each
 
 from newmark_cli.report.reading import records
 from newmark_cli.support import files
@@ -81,8 +80,8 @@ def test_only_regular_files_of_bounded_size_are_read(tmp_path, outside):
         files.read(path, 99)
 
 
-@each(
-    "kind, name, replaced",
+@pytest.mark.parametrize(
+    ("kind", "name", "replaced"),
     [
         ("fifo", ".lock", False),
         ("other name", ".lock", False),
