@@ -155,7 +155,7 @@ def cases():
             yield text, change, told.strip()
 
 
-@pytest.mark.parametrize(("text", "change", "said"), cases())
+@pytest.mark.parametrize(("text", "change", "said"), [*cases()])
 def test_mistake(text, change, said):
     """In one line, which says where it is and what is allowed."""
     old, new = change.replace("\\n", "\n").split(" | ")

@@ -41,7 +41,7 @@ def powers(side):
     return {block: factor.order() for block, factor in side.items()}
 
 
-@pytest.mark.parametrize(("formulation", "form", "terms"), covering(CONSTRAINTS, FORMS, TERMS))
+@pytest.mark.parametrize(("formulation", "form", "terms"), [*covering(CONSTRAINTS, FORMS, TERMS)])
 def test_blocks(formulation, form, terms):
     """J, J⁻¹, the residual and all corrections in general position, with and without X and Y.
 
@@ -68,7 +68,7 @@ def test_blocks(formulation, form, terms):
         assert smaller == set(orders.bounded)
 
 
-@pytest.mark.parametrize(("formulation", "form"), itertools.product(CONSTRAINTS, FORMS))
+@pytest.mark.parametrize(("formulation", "form"), [*itertools.product(CONSTRAINTS, FORMS)])
 def test_special_positions(formulation, form):
     """Single blocks of J⁻¹ get smaller, to a limit; corrections and C stay what they are.
 

@@ -49,7 +49,7 @@ def test_times_are_sums_rounded_once(sizes, t0):
 
 
 @pytest.mark.parametrize(
-    "integrator", ("trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2")
+    "integrator", ["trapezoidal", "generalized-alpha rho=0.9", "hht alpha=0.1", "bdf1", "bdf2"]
 )
 def test_ratio_1_has_the_bits_of_one_size(integrator):
     """An array of equal sizes, and its halts, on the pendulum."""

@@ -16,7 +16,7 @@ SOLUTIONS = {
     for name, t in (("shaken-pendulum", 0.2), ("heavy-top", 0.003))
 }
 EVERY = pytest.mark.parametrize(
-    ("name", "equations", "integrals"), itertools.product(SOLUTIONS, ROWS, (False, True))
+    ("name", "equations", "integrals"), [*itertools.product(SOLUTIONS, ROWS, (False, True))]
 )
 
 
