@@ -25,12 +25,14 @@ from newmark_cli.problems import starting
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import fitting
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.errors import ArgumentError
+from newmark_cli.support.errors import ArgumentError, warn
 
 #: More steps than a float can count must be a typo.
 _MOST_STEPS = 2**53
 #: Part of a step by which t_end may miss its end.
 _SAME_STEP = 1e-9
+#: Part of accelerations at the start that rounding may change unmentioned.
+_NOISY = 1e-2
 #: Options that a scheme is made of.
 _OF_SCHEME = (
     "form", "integrator", "formulation", "scaling", "evaluation", "precision", "iteration_cap",
@@ -242,6 +244,8 @@ def march(
     _require_callback(callback, at, stepped)
     last = _last(begun, original.t0, t_end, asked, at, stepped)
     _require_reachable(original, begun.grid, sizes, last)
+    if sizes is not None:
+        _warn_of_short_steps(begun, float(sizes[:last].min()))
     looks, ends = _looks(begun, last, given["every"], at, keep, stepped)
     if not given["twins"]:
         return taken(begun, last, looks, keep, callback, stepped, ends)
@@ -362,6 +366,19 @@ def _count(h: float, sequence: StepSequence, t_end: Any, steps: Any, since: floa
     if steps is None or steps is True:
         raise ArgumentError("h_sequence: give t_end or the number of steps")
     return arguments.count("steps", steps)
+
+
+def _warn_of_short_steps(march: March, shortest: float) -> None:
+    """Warn of λ and v' of steps that are so short beside others that they are rounding."""
+    u, v, _, a = march.here.fields
+    eps, compensated = np.finfo(march.scheme.dtype).eps, march.scheme.compensated
+    of_u = eps * float(shortest * np.abs(v).max() if compensated else np.abs(u).max())
+    of_a = of_u / march.scheme.integrator.relations(shortest).u_from_a
+    if march.schemes.wide and of_a > _NOISY * float(np.abs(a).max()):
+        warn(
+            f"h: rounding alone changes accelerations of a step of {shortest:g} s by some "
+            f"{of_a:.0e}, and λ of that step accordingly; u, v and longer steps do not suffer"
+        )
 
 
 def _last(

@@ -419,5 +419,5 @@ def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> An
 def portable(spec: ProblemSpec) -> ProblemSpec:
     """The same problem for another machine: what its files said when it was read."""
     if isinstance(spec, Code):
-        return replace(spec, files=tuple(spec.load().sources.items()))
+        return replace(spec, files=tuple(spec.load().sources.items()), described=None)
     return spec

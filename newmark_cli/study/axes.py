@@ -46,6 +46,7 @@ from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Toleranc
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
 from newmark_cli.study.axis import (
     ALIASES,
+    GIVEN_BY,
     MULTIPLIERS,
     SYMBOLS,
     TRAPEZOIDAL,
@@ -55,7 +56,6 @@ from newmark_cli.study.axis import (
     form_text,
     integrator_text,
     measure_text,
-    measures_of,
     projection_text,
     setting,
 )
@@ -323,7 +323,7 @@ class RowAxes:
         cell=False,
         computed=False,
         text=measure_text,
-        also=measures_of,
+        also=lambda record: GIVEN_BY.get(record, ()),
         shows="what was measured, see the measures",
     )
     role: str = axis(

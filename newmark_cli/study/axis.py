@@ -131,6 +131,8 @@ _METHODS = {
 }
 _PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
 MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
+#: Kind of rows → the measures that give them, as `newmark_cli.study.measures` declares them.
+GIVEN_BY: dict[str, list[str]] = {}
 #: Symbols of quantities.
 SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
 
@@ -160,10 +162,3 @@ def projection_text(label: str) -> str:
 def measure_text(measure: str) -> str:
     """Kind of rows in words."""
     return measure.replace("_", " ").replace("work-precision", "work and precision")
-
-
-def measures_of(record: str) -> list[str]:
-    """Measures that give rows of a kind."""
-    from newmark_cli.study.measures import MEASURES
-
-    return [name for name, of in MEASURES.items() if record in (row.name for row in of.records)]

@@ -25,6 +25,7 @@ from newmark_cli.newmark.scaling import Preconditioning, Scaling
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.truncation import Marched
 from newmark_cli.study.axes import SATURATION, SeriesKey, value_text
+from newmark_cli.study.axis import GIVEN_BY
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.support.arrays import Array
 
@@ -436,6 +437,9 @@ _MEASURES = (
 )
 #: Measures by name, in the order of a cell's rows.
 MEASURES: Mapping[str, Measure] = MappingProxyType({of.name: of for of in _MEASURES})
+for _measure in _MEASURES:
+    for _record in _measure.records:
+        GIVEN_BY.setdefault(_record.name, []).append(_measure.name)
 
 #: Records that only CSVs of versions before 0.4 have.
 FORMER = (

@@ -11,6 +11,7 @@ import newmark_cli as newmark
 from newmark_cli.newmark.statistics import standard_error
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.measures import MEASURES
+from newmark_cli.study.observers import OBSERVERS
 from newmark_cli.support.errors import ArgumentError
 
 mp = MPContext()
@@ -148,7 +149,7 @@ def test_the_column_rounding(tmp_path):
 def test_the_error_of_the_reference_counts():
     """A value cannot be known better than what it is compared with."""
     off = Reference(1.0, *(np.ones(2),) * 4, "converged", 1e-9, 1e-8, 1e-7)
-    observer = MEASURES["error"].observe(SimpleNamespace(steps=1), None, off)
+    observer = OBSERVERS["error"](SimpleNamespace(steps=1), SimpleNamespace(problem=None), off)
     told = [observer.unresolved(name) for name in ("u", "v", "lambda", "omega", "force")]
     assert told == [1e-9, 1e-8, 1e-7, 1e-8, 1e-7]
 

@@ -107,7 +107,8 @@ def test_pictures_and_animations(cli, monkeypatch):
     titles = []
     monkeypatch.setattr(Axes, "set_title", lambda axes, title: titles.append(title))
     names, subject = [f"t = {time} s" for time in range(3)], problem("slider-crank")
-    draw_mechanism.animation(names, subject, [subject.u0] * 3, cli.folder / "motion.gif")
+    moved = [subject.u0 * (1 - 0.1 * frame) for frame in range(3)]
+    draw_mechanism.animation(names, subject, moved, cli.folder / "motion.gif")
     assert titles == names
     with Image.open(cli.folder / "motion.gif") as image:
         assert image.n_frames == 3
