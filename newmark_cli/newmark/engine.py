@@ -23,6 +23,7 @@ from newmark_cli.newmark.march_data import (
     TESTS,
     Counts,
     MatrixTables,
+    Plan,
     ProblemTables,
     Record,
     Schedule,
@@ -264,9 +265,5 @@ class Engine:
         )
         self._python.first = first
         functions = *self._functions, self._solve
-        tables = self._tables, numbers.tables
-        matrices = numbers.static, numbers.dense
-        return (
-            functions, tables, matrices, numbers.extra, self._python, state, schedule, sizes,
-            counts, record,
-        )  # fmt: skip
+        plan = Plan(self._tables, numbers.tables, numbers.static, numbers.dense, schedule, sizes)
+        return functions, plan, numbers.extra, self._python, state, counts, record

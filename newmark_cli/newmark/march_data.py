@@ -125,6 +125,17 @@ class Schedule(NamedTuple):
     patience: int  #: steps given up by ``solve`` or the code, after which the march halts
 
 
+class Plan(NamedTuple):
+    """What a march of index 3 is told; a formulation adds its own tables."""
+
+    problem: ProblemTables
+    tables: StepTables
+    static: MatrixTables  #: of static elimination, without ``structure`` where there is none
+    dense: MatrixTables  #: of partial pivoting, empty where Python solves
+    schedule: Schedule
+    sizes: Sizes
+
+
 class PythonCalls(NamedTuple):
     """What the kernel calls in Python besides a problem's functions."""
 

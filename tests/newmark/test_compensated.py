@@ -17,7 +17,7 @@ from mpmath import mp, mpf
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import PROBLEMS, problem
-from newmark_cli.newmark import kernel
+from newmark_cli.newmark import kernel, newton
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
@@ -79,7 +79,7 @@ def test_increments_of_phi(name, undriven, seed, exponent):
     pattern, rest = subject.pattern, (np.zeros(subject.n), np.zeros(subject.m))
     g_old, g_new = (subject.values(0.0, at, *rest).g for at in (u, u + shift))
     phi = np.empty(subject.m)
-    kernel._increase_phi(
+    newton._increase_phi(
         np.zeros(subject.m), g_old, g_new, pattern.g_rows, pattern.g_columns, shift, phi
     )
     begin, moved = exactly(u), zip(exactly(u), exactly(shift), strict=True)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from marching import STEP, formulated, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel
+from newmark_cli.newmark import newton
 from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.assembly import Constants, Sums
@@ -140,5 +140,5 @@ def test_solved_or_given_up(values, rows, fit):
         np.testing.assert_array_equal(b, expected)
     else:
         assert ending == COMPLETED
-        assert kernel.solve_in_place(matrix, expected, np.empty(5, np.uint64), np.empty(5))
+        assert newton.solve_in_place(matrix, expected, np.empty(5, np.uint64), np.empty(5))
         np.testing.assert_array_equal(b, expected)

@@ -13,7 +13,7 @@ from numba import njit
 
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import kernel
+from newmark_cli.newmark import enforcing, kernel, newton
 from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS
@@ -77,18 +77,18 @@ def interpreted_march(subject, scheme, state, counts):
     """The kernel's march as Python runs it, and all that it calls but the problem's functions."""
     engine = Engine(subject, scheme)
     given = engine.arguments(state, 0, counts, recording(state, np.empty(0)))
-    functions, (of_problem, of_step), (static, dense), extra, python, _, schedule, sizes, *_ = given
-    tables = of_problem._replace(ints=subject.ints), of_step
-    room = kernel._allocate(*tables, dense, extra, state, schedule, sizes, counts.norms.shape[1])
+    functions, plan, extra, python, *_ = given
+    plan = plan._replace(problem=plan.problem._replace(ints=subject.ints))
+    room = kernel.allocate(plan, extra, python.calls, state, counts.norms.shape[1])
     with pytest.MonkeyPatch.context() as patch:
-        for name, function in list(vars(kernel).items()):
-            if hasattr(function, "py_func"):
-                patch.setattr(kernel, name, function.py_func)
+        for module in (newton, enforcing, kernel):
+            for name, function in list(vars(module).items()):
+                if hasattr(function, "py_func"):
+                    patch.setattr(module, name, function.py_func)
         solve = functions[2] if extra is None else None
         return kernel._march(
-            subject.function, subject.derivatives, solve, *tables, static, dense, extra,
-            python.calls, *given[5:], room,
-        )  # fmt: skip
+            subject.function, subject.derivatives, solve, plan, extra, *given[4:], room
+        )
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)

@@ -98,7 +98,7 @@ _INDEX = ir.IntType(64)
 
 
 def _module(written: Written) -> ir.Module:
-    """The function, as `static_elimination` or `kernel.solve_in_place` reads the same tables."""
+    """The function, as `static_elimination` or `newton.solve_in_place` reads the same tables."""
     number = ir.FloatType() if written.tables.work.dtype == np.float32 else ir.DoubleType()
     module = ir.Module()
     kind = ir.FunctionType(_INDEX, [number.as_pointer()] * 5)
