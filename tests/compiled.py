@@ -10,7 +10,9 @@ from pathlib import Path
 
 import newmark_cli
 
-KERNEL = Path(newmark_cli.__file__).parent / "newmark/kernel.py"
+NEWMARK = Path(newmark_cli.__file__).parent / "newmark"
+#: The march, and what it is compiled with.
+KERNEL = [NEWMARK / f"{name}.py" for name in ("kernel", "newton", "enforcing", "room")]
 CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
 
 
@@ -33,8 +35,8 @@ PARTS = (
 
 def is_kept():
     """Whether anything is, of the kernel as it is now."""
-    changed = KERNEL.stat().st_mtime
-    kept = (KERNEL.parent / "__pycache__").glob(f"{KERNEL.stem}.*.nbc")
+    changed = max(file.stat().st_mtime for file in KERNEL)
+    kept = (NEWMARK / "__pycache__").glob("kernel.*.nbc")
     return any(file.stat().st_mtime > changed for file in kept)
 
 
