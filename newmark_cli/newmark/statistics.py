@@ -49,8 +49,11 @@ def standard_error(values: Array) -> float:
     largest = float(np.max(values, initial=0.0))
     if len(values) < 2 or not 0 < largest < np.inf:
         return 0.0 if len(values) > 1 and largest == 0 else np.nan
-    blocks = np.array_split((values / largest) ** 2, min(_BLOCKS, len(values)))
-    squares = np.array([block.mean() for block in blocks])
+    squared, count = (values / largest) ** 2, min(_BLOCKS, len(values))
+    size, longer = divmod(len(squared), count)  # the first blocks have a step more
+    first, rest = np.split(squared, [longer * (size + 1)])
+    blocks = first.reshape(longer, size + 1), rest.reshape(count - longer, size)
+    squares = np.concatenate([block.mean(axis=1) for block in blocks])
     error = squares.std(ddof=1) / np.sqrt(len(squares))
     return float(largest * error / (2 * np.sqrt(squares.mean())))
 
