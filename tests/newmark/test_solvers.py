@@ -15,7 +15,7 @@ from mpmath import mp
 
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import Shipped, Sized
-from newmark_cli.newmark import kernel, march_data
+from newmark_cli.newmark import march_data, newton
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.jacobian import balancing_factors, scaling_factors
 from newmark_cli.newmark.linear import solvers
@@ -120,12 +120,12 @@ def test_the_kernel_solves_with_partial_pivoting(size, seed, sparsity):
     rhs = random.normal(size=size)
     solution = rhs.copy()
     work = np.empty(size, np.uint64), np.empty(size)
-    assert kernel.solve_in_place(matrix.copy(), solution, *work)
+    assert newton.solve_in_place(matrix.copy(), solution, *work)
     scale = np.linalg.norm(matrix, np.inf) * np.linalg.norm(solution, np.inf)
     assert np.max(np.abs(matrix @ solution - rhs)) <= 50 * size * EPS * scale
     for bad in (0.0, np.nan):
         matrix[:, random.integers(size)] = bad
-        assert not kernel.solve_in_place(matrix.copy(), np.ones(size), *work)
+        assert not newton.solve_in_place(matrix.copy(), np.ones(size), *work)
 
 
 # -- condition numbers ------------------------------------------------------------------------
