@@ -35,7 +35,11 @@ _DIGITS = 16
 
 def file_name(cell: Cell) -> str:
     """The file that keeps a cell, in the folder of the finished cells."""
-    return "-".join(part[:_DIGITS] for part in _key(cell).values()) + ".json"
+    return _file_of(_key(cell))
+
+
+def _file_of(key: Mapping[str, str]) -> str:
+    return "-".join(part[:_DIGITS] for part in key.values()) + ".json"
 
 
 class Store:
@@ -56,24 +60,24 @@ class Store:
 
     def keep(self, cell: Cell, done: Done) -> None:
         """Keep a cell that has ended, but for one that failed or lacks more than what is kept."""
-        before, ended = self.find(cell), done.outcome
+        key, before, ended = _key(cell), self.find(cell), done.outcome
         if before and (ended.status == "failed" or (ended.lacks and not before.outcome.lacks)):
             return
         record = {
             "cell": cell.computed,
-            "key": _key(cell),
+            "key": key,
             "versions": versions(),
             **_adapter().dump_python(done),
         }
-        files.write_sealed(self._folder / file_name(cell), record, self._results)
+        files.write_sealed(self._folder / _file_of(key), record, self._results)
 
     def why(self, cell: Cell) -> str:
         """Why a cell that `find` does not find is to be run."""
         if done := self._read(cell):
             return f"failed before: {done.outcome.reason}"
-        if os.path.lexists(self._folder / file_name(cell)):
-            return "cached result is damaged"
         key = _key(cell)
+        if os.path.lexists(self._folder / _file_of(key)):
+            return "cached result is damaged"
         others = [
             other
             for file in sorted(self._folder.glob(f"{key['cell'][:_DIGITS]}-*.json"))
@@ -94,8 +98,9 @@ class Store:
 
     def _read(self, cell: Cell) -> Done | None:
         """What is kept of a cell, failed or not; None where the file cannot be used."""
-        record = files.read_sealed(self._folder / file_name(cell))
-        if record.get("key") != _key(cell):  # file names hold only the first digits
+        key = _key(cell)
+        record = files.read_sealed(self._folder / _file_of(key))
+        if record.get("key") != key:  # file names hold only the first digits
             return None
         try:
             return _adapter().validate_python(record)
