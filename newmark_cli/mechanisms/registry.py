@@ -43,6 +43,15 @@ def problem(name: str) -> Problem:
     return loading.load(file(name), name)
 
 
+@cache
+def is_spatial(name: str) -> bool:
+    """Whether there is a shipped mechanism in space of this name; nothing is built."""
+    from newmark_cli.support import documents
+
+    data = documents.read(file(name)).data if name in PROBLEMS else {}
+    return data.get("dimensions") == 3
+
+
 def size(data: Mapping[str, Any]) -> tuple[int, int]:
     """Coordinates and constraints of the data of a valid mechanism without angle coordinates."""
     from newmark_cli.mechanisms.joints import JOINTS

@@ -84,7 +84,8 @@ def _pictures(results: Results) -> Iterator[dict[str, Any]]:
         sheet = sheets.sheet(figure, results)
         yield _picture(sheet, f"figure-{figure.name}", figure.title, f"{caption}: {figure.title}")
     for name in dict.fromkeys(slope.problem for slope in results.slopes):
-        if name in registry.PROBLEMS and (subject := registry.problem(name)).axes == "xyz":
+        if registry.is_spatial(name):
+            subject = registry.problem(name)
             title = subject.drawing.title
             caption = f"{name}: {title}, initial position"
             if subject.released:
