@@ -108,12 +108,18 @@ class Progress(Watcher):
 def _bar(total: int, **counts: int) -> "Display":
     """A progress bar with counts and the time left."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import BarColumn, Progress, Task, TaskProgressColumn, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
+    from rich.text import Text
+
+    class Percent(TaskProgressColumn):
+        def render(self, task: Task) -> Text:
+            most = 99 if task.fields.get("left") else 100
+            return Text(f"{min(int(task.percentage), most):>3}%", style="progress.percentage")
 
     display = Progress(
         BarColumn(bar_width=20),
-        TaskProgressColumn(),
+        Percent(),
         TextColumn(", ".join(f"{{task.fields[{name}]}} {name}" for name in counts)),
         Remaining(compact=True, elapsed_when_finished=True),
         console=Console(stderr=True),
