@@ -136,19 +136,11 @@ class Subject:
         if not self.known:
             return initial_state(at, scheme)
         ((a, multipliers),) = self.known
-        fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(self.problem.m)
+        n, m = self.problem.n, self.problem.m
+        fields, none = np.array([at.u0, at.v0, a, a]), np.zeros(m)
         past = scheme.relations.start @ fields[:3]
-        unknown = (np.zeros(1 + self.problem.m), np.zeros(1 + self.problem.n))
-        parts = (
-            fields,
-            past,
-            multipliers,
-            np.zeros((2, self.problem.n)),
-            none,
-            none,
-            none,
-            *unknown,
-        )
+        unknown = (np.zeros(1 + m), np.zeros(1 + n))
+        parts = (fields, past, multipliers, np.zeros((2, n)), none, none, none, *unknown)
         return State(*(part.astype(scheme.dtype) for part in parts))
 
 
