@@ -402,6 +402,23 @@ def means(axis: str, word: str, value: str) -> bool:
     return named(axis).means(word, value)
 
 
+def is_among(series: Any, choice: Mapping[str, Sequence[str]]) -> bool:
+    """Whether a series has one of the values of every axis, as people or CSVs write them.
+
+    A series has every axis as an attribute, as in the CSV.  Axes without a value leave the choice
+    open; a measure is the kind of its rows.
+    """
+    return all(
+        not words
+        or (
+            series.measure in words
+            if axis == "measure"
+            else any(means(axis, word, getattr(series, axis)) for word in words)
+        )
+        for axis, words in choice.items()
+    )
+
+
 def labels(cell: Cell) -> dict[str, Any]:
     """Labels that tell a cell from others of its study, by column."""
     return {axis.name: axis.write(cell) for axis in cell_axes() if axis.cell}

@@ -161,10 +161,7 @@ class _Expects(_Chooses):
 
     def matches(self, key: SeriesKey) -> bool:
         """Whether it is about a series."""
-        return key.measure == self.measure and all(
-            any(axes.means(axis, word, getattr(key, axis)) for word in words)
-            for axis, words in self.choice.items()
-        )
+        return axes.is_among(key, {**self.choice, "measure": (self.measure,)})
 
     def divisor(self, key: SeriesKey) -> SeriesKey:
         """The series that the values of a series are divided by."""

@@ -17,7 +17,7 @@ from newmark_cli.newmark.orders import UNKNOWNS
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.drawing.work import Costs, costs
 from newmark_cli.report.judging.slopes import Slope
-from newmark_cli.report.reading.choosing import grouped, is_among
+from newmark_cli.report.reading.choosing import grouped
 from newmark_cli.report.reading.figures import (
     Figure,
     Part,
@@ -26,8 +26,8 @@ from newmark_cli.report.reading.figures import (
     looks_of,
     side_by_side,
 )
-from newmark_cli.report.reading.words import measure_text, value_text
 from newmark_cli.study import axes
+from newmark_cli.study.axes import is_among, value_text
 from newmark_cli.study.entries import FigureConfig
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
 from newmark_cli.study.showable import COMPARABLE, WORK_PRECISION
@@ -311,7 +311,7 @@ def _title(
 
 
 def _subject(where: Mapping[str, str], kind: str) -> str:
-    words, quantity = measure_text(kind), where.get("quantity", "")
+    words, quantity = value_text("measure", kind), where.get("quantity", "")
     if kind == "condition":
         words = "condition number"
     if not quantity or quantity in _ONLY:

@@ -18,7 +18,8 @@ from newmark_cli.report.drawing.panels import (
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import MISS, PASS, RULED, SHOWN
-from newmark_cli.report.reading.words import measure_text, quantity
+from newmark_cli.report.reading.words import quantity
+from newmark_cli.study.axes import value_text
 from newmark_cli.support.arrays import Mask
 
 #: Problems of unit mass, length and gravity; all others are in SI units.
@@ -85,7 +86,7 @@ def panel(
     return Panel(
         tuple(traces),
         step_label(slopes[0].problem),
-        measure_text(slopes[0].measure) if several else record.label(slopes[0].key),
+        value_text("measure", slopes[0].measure) if several else record.label(slopes[0].key),
         titles,
         y_scale="linear" if record.linear else "log",
         y_limits=limits,

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from newmark_cli.report.reading.words import means
-from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.axes import SeriesKey, is_among, means
 from newmark_cli.study.showable import SHOWABLE, kinds
 from newmark_cli.support.errors import InputError
 from newmark_cli.support.spelling import nearest
@@ -20,22 +19,6 @@ def grouped(slopes: Iterable["Slope"], axes: Sequence[str]) -> dict[tuple[str, .
     for slope in slopes:
         groups.setdefault(tuple(getattr(slope, axis) for axis in axes), []).append(slope)
     return groups
-
-
-def is_among(series: "Slope | SeriesKey", choice: Mapping[str, Sequence[str]]) -> bool:
-    """Whether a series has one of the values of every axis, as people or CSVs write them.
-
-    Axes without a value leave the choice open; a measure is the kind of its rows.
-    """
-    return all(
-        not words
-        or (
-            series.measure in words
-            if axis == "measure"
-            else any(means(axis, word, getattr(series, axis)) for word in words)
-        )
-        for axis, words in choice.items()
-    )
 
 
 def select(slopes: Iterable["Slope"], **axes: Sequence[str]) -> list["Slope"]:

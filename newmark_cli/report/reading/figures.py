@@ -10,9 +10,8 @@ from functools import cached_property
 from itertools import product
 from typing import Any
 
-from newmark_cli.report.reading.words import means, value_text
 from newmark_cli.study import entries, shipped
-from newmark_cli.study.axes import SeriesKey
+from newmark_cli.study.axes import SeriesKey, means, value_text
 from newmark_cli.study.entries import CurveConfig, FigureConfig
 from newmark_cli.study.measures import FLOOR_OF
 

@@ -1,22 +1,15 @@
-"""Values of axes as people write them: in legends, titles and on command lines."""
+"""Counts, values and quantities of series in words."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from newmark_cli.study.axes import means, value_text
+from newmark_cli.study.axes import value_text
 from newmark_cli.study.measures import RECORDS
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
     from newmark_cli.report.reading.figures import Curve
-
-__all__ = ("counted", "joined_values", "means", "measure_text", "quantity", "value_text")
-
-
-def measure_text(measure: str) -> str:
-    """Kind of rows in words."""
-    return value_text("measure", measure)
 
 
 def counted(words: Iterable[str]) -> str:

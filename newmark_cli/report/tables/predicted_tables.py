@@ -17,8 +17,8 @@ from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import BESIDE_TABLE_2, TABLE_2, VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 from newmark_cli.report.judging.fits import format_order
-from newmark_cli.report.reading.words import value_text
 from newmark_cli.report.tables.table import Report, Table, pivoted
+from newmark_cli.study.axes import value_text
 from newmark_cli.study.measures import symbol
 
 #: Label of a formulation → how tables name it; a parameter's value does not matter.

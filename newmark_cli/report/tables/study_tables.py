@@ -15,8 +15,9 @@ from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import grouped, select
-from newmark_cli.report.reading.words import joined_values, value_text
+from newmark_cli.report.reading.words import joined_values
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
+from newmark_cli.study.axes import value_text
 from newmark_cli.study.entries import TableConfig, table, tables
 from newmark_cli.study.showable import TABULATED, VALUES
 from newmark_cli.support.errors import InputError
