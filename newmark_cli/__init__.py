@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice, advise
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
-    from newmark_cli.external.judging import Judged, judge
+    from newmark_cli.codes.judging import Judged, judge
     from newmark_cli.library.finding import dae, problem
     from newmark_cli.library.marching import march, steps
     from newmark_cli.library.scalings import Factors, scaling
@@ -49,7 +49,7 @@ _HOMES = {
     "InputError": "support.errors",
     "IntegratorError": "newmark.integrator",
     "JacobianAdvice": "advice.jacobians",
-    "Judged": "external.judging",
+    "Judged": "codes.judging",
     "NewmarkError": "support.errors",
     "NewmarkWarning": "support.errors",
     "NewtonSystem": "newmark.newton_systems",
@@ -63,7 +63,7 @@ _HOMES = {
     "advise_jacobian": "advice.jacobians",
     "dae": "library.finding",
     "floor": "advice.floors",
-    "judge": "external.judging",
+    "judge": "codes.judging",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",

@@ -18,7 +18,7 @@ from newmark_cli.cli.shared import (
 )
 
 if TYPE_CHECKING:
-    from newmark_cli.external.judging import Judged
+    from newmark_cli.codes.judging import Judged
 
 
 @click.command()
@@ -68,7 +68,7 @@ def judge(
     Example:
       newmark-study judge mine.csv --problem andrews
     """
-    from newmark_cli.external import judging
+    from newmark_cli.codes import judging
     from newmark_cli.study import config
 
     if template is not None:
@@ -86,7 +86,7 @@ def judge(
         config.problem_named(problem, allow_code), judging.of_files, table, arguments
     )
     if plot is not None:
-        from newmark_cli.external import drawing
+        from newmark_cli.codes import drawing
 
         drawing.write(judged, plot)
     screen.lines(as_json_text(judged.to_dict()) if as_json else str(judged))

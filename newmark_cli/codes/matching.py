@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from newmark_cli.external.measuring import Motion
-from newmark_cli.external.reading import Run, Runs, changed
+from newmark_cli.codes.measuring import Motion
+from newmark_cli.codes.reading import Run, Runs, changed
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.support.arrays import Array, IndexArray

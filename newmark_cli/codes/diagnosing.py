@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.external.matching import Factor
-from newmark_cli.external.measuring import (
+from newmark_cli.codes.matching import Factor
+from newmark_cli.codes.measuring import (
     SAME_TIME,
     Measured,
     Motion,
@@ -22,7 +22,7 @@ from newmark_cli.external.measuring import (
     misfits_at,
     roundings,
 )
-from newmark_cli.external.reading import STEP_SIZE, Run, Runs
+from newmark_cli.codes.reading import STEP_SIZE, Run, Runs
 from newmark_cli.newmark import integrator
 from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import CORRECTED

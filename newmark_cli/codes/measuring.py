@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.external.reading import STEP_SIZE, Run, Runs
+from newmark_cli.codes.reading import STEP_SIZE, Run, Runs
 from newmark_cli.library.marching import march
 from newmark_cli.library.scalings import read
 from newmark_cli.newmark.formulation import RECOVERED

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.external import options as options_of
-from newmark_cli.external.diagnosing import Finding, diagnosed
-from newmark_cli.external.matching import matched
-from newmark_cli.external.measuring import Measured, Motion, measured, method, slopes
-from newmark_cli.external.reading import METHOD, STEP_SIZE, UNNAMED, names_of, read
+from newmark_cli.codes import options as options_of
+from newmark_cli.codes.diagnosing import Finding, diagnosed
+from newmark_cli.codes.matching import matched
+from newmark_cli.codes.measuring import Measured, Motion, measured, method, slopes
+from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, names_of, read
 from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
