@@ -39,7 +39,12 @@ if TYPE_CHECKING:
 @formulation_option
 @click.option("--projection", metavar="METHOD", help="The code's projection; none by default.")
 @file_option(
-    "--columns", help="YAML with other names, signs and units: 'lambda[bars.rod]: -2 * force'."
+    "--columns",
+    help="YAML with other names, numbers and formulas: 'h: 0.002', 'u[A.x]: 0.5 * cos(angle)'.",
+)
+@file_option(
+    "--reference",
+    help="A table of the solution and its errors, in place of one that is computed.",
 )
 @file_option(
     "--expect", help="YAML with the key 'expect' of a study: orders and levels that you expect."
@@ -60,9 +65,9 @@ def judge(
 ) -> int:
     """Judge what another code computed: errors, orders, and what is wrong.
 
-    TABLE is a CSV or Parquet file with a row for each run and time: h, t, and the
-    state under the names of the problem, as --template prints them.  Exits with 1 if
-    a fault is found or an order is missed.
+    TABLE is text with any separator, Parquet, .npy or .mat.  It has a row for each run and
+    time: h, t, and the state under the names of the problem, as --template prints them.
+    Exits with 1 if a fault is found or an order is missed.
 
     \b
     Example:

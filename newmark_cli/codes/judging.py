@@ -14,6 +14,7 @@ from newmark_cli.codes.diagnosing import Finding, diagnosed
 from newmark_cli.codes.matching import matched
 from newmark_cli.codes.measuring import Measured, Motion, measured, method, slopes
 from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, names_of, read
+from newmark_cli.codes.references_from_tables import reference_at
 from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -185,21 +186,27 @@ def judge(
     evaluation: str | None = None,
     columns: Mapping[str, Any] | str | Path | None = None,
     expect: Sequence[Mapping[str, Any]] | str | Path | None = None,
+    reference: str | Path | None = None,
 ) -> Judged:
     """Say what is right and wrong with what another code computed.
 
     Args:
-        table: A DataFrame, or the path of a CSV or Parquet file: a row for each run and time,
-            with ``h``, ``tolerance`` or ``steps``, ``t``, and the state under the names of
-            `Trajectory.to_frame`; see docs/judge.md.
+        table: A DataFrame, or the path of a file: text with any separator, Parquet, ``.npy`` or
+            ``.mat``.  It has a row for each run and time, with ``h``, ``tolerance`` or ``steps``,
+            ``t``, and the state under the names of `Trajectory.to_frame`; or a row for each
+            ``quantity`` and ``value`` of these.  See docs/judge.md.
         problem: What was solved: what `problem` takes.
         integrator, formulation, projection, multipliers, start, evaluation: The method, as of
             `march`, which says what orders to expect; generalized-α with ρ∞ = 0.9 and index 3
             where nothing is said.  Columns of these names go before.
-        columns: Column of this tool → column of the table, with a factor if need be:
-            ``{"lambda[bars.rod]": "-2 * force"}``; or a YAML file of it.
+        columns: Column of this tool → number, or formula of the table's columns:
+            ``{"h": 0.002, "lambda[bars.rod]": "-2 * force", "u[A.x]": "0.5 * cos(angle)"}``; or a
+            YAML file of it.
         expect: Entries as of the key ``expect`` of a study, which may name a ``series``; or a
             YAML file with that key.
+        reference: A file with the solution at the times at which runs end, in place of one that is
+            computed: ``t``, ``u[…]``, ``v[…]`` and ``lambda[…]``, and the relative errors of
+            these in ``error[u]``, ``error[v]`` and ``error[lambda]``, or in ``tolerance``.
 
     Returns:
         Orders of errors and invariants with verdicts, and findings: what is wrong, by which
@@ -232,7 +239,8 @@ def judge(
     runs = read(table, solved, options_of.columns(columns))
     for run in runs.runs:
         method(run.method)
-    motion = Motion(solved, {})
+    given = None if reference is None else reference_at(Path(reference), solved)
+    motion = Motion(solved, {}, given)
     runs, factors = matched(runs, motion)
     measurements = measured(runs, motion, options)
     judged = slopes(measurements, runs, motion, options) if measurements else []
@@ -270,10 +278,13 @@ def template(problem: Problem) -> str:
     Args:
         problem: What is to be solved.
     """
-    _, multipliers = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
-    names = [name for name, size in names_of(problem).items() if size and name != "output"]
+    start = problem.t0, problem.u0, problem.v0
+    _, multipliers = Index1(problem).accelerations(*start)
+    names = [name for name, parts in names_of(problem).items() if parts]
     parts = {"u": problem.u0, "v": problem.v0, "lambda": multipliers}
+    if problem.outputs is not None:
+        parts["output"] = problem.outputs.values(problem, *start, multipliers)
     header = [f"{part}[{name}]" for part in names for name in names_of(problem)[part]]
     values = [repr(float(value)) for part in names for value in parts[part]]
-    start = ["1e-3", repr(problem.t0), *values]
-    return f"{','.join([STEP_SIZE, 't', *header])}\n{','.join(start)}"
+    row = ["1e-3", repr(problem.t0), *values]
+    return f"{','.join([STEP_SIZE, 't', *header])}\n{','.join(row)}"

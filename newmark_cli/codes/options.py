@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import Field, RootModel
+from pydantic import BeforeValidator, Field, RootModel
 
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.entries import ExpectConfig, Recorded
@@ -13,7 +13,14 @@ from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, StrictModel
 
 
-class _Columns(RootModel[dict[str, str]]):
+def _number_or_text(value: Any) -> float | str:
+    """A number as such: as text it might be the name of a column."""
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        raise ValueError("must be a number or text; text with # stands in quotation marks")
+    return value
+
+
+class _Columns(RootModel[dict[str, Annotated[Any, BeforeValidator(_number_or_text)]]]):
     pass
 
 

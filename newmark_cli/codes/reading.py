@@ -4,24 +4,21 @@ A row is the state of one run at one time.  Columns are named as in `Trajectory.
 ``u[A.x]``, ``v[A.x]``, ``lambda[bars.rod]``, ``output[O.force.x]``; a mapping names others.
 """
 
-import errno
 import math
-import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from newmark_cli.library.arguments import shown
+from newmark_cli.codes import table_files
+from newmark_cli.codes.formulas import Formula, column, formula
 from newmark_cli.problems.problem import Problem
-from newmark_cli.study.trajectories import require_parquet
-from newmark_cli.support.arrays import Array
+from newmark_cli.support.arrays import Array, shown
 from newmark_cli.support.errors import ArgumentError
-from newmark_cli.support.spelling import nearest
+from newmark_cli.support.spelling import closest, nearest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,7 +38,12 @@ CORRECTIONS = re.compile(r"correction\[(\d+)\]")
 _NUMBERED = re.compile(r"([a-zλ]+)[_\[(]?(\d+)[\])]?")
 _PARTS = {"u": "u", "q": "u", "x": "u", "v": "v", "qd": "v", "qp": "v", "lambda": "lambda",
           "lam": "lambda", "la": "lambda", "λ": "lambda"}  # fmt: skip
-_FACTOR = re.compile(r"\s*(-)?\s*(?:([0-9.]+(?:[eE][-+]?[0-9]+)?)\s*\*\s*)?(.+?)\s*")
+#: A unit behind a name, and those that are no SI units but are taken for what they are.
+_UNIT = re.compile(r"(.+?)\s*[\[(]([^\[\]()]*)[\])]")
+_UNITS = {"mm": 1e-3, "mm/s": 1e-3, "cm": 1e-2, "cm/s": 1e-2, "ms": 1e-3, "us": 1e-6, "µs": 1e-6,
+          "deg": math.pi / 180, "deg/s": math.pi / 180}  # fmt: skip
+#: What may help where a table lacks columns.
+_HELP = '; --columns FILE says which are meant, such as "t: \'#1\'", the first, or "h: 0.002"'
 #: Name of a series that the table does not name.
 UNNAMED = "your code"
 #: Lines in which digits are counted, and digits that suffice to judge rounding.
@@ -107,64 +109,49 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     """Runs from a table.
 
     Args:
-        source: A DataFrame, or the path of a CSV or Parquet file.
+        source: A DataFrame, or the path of a file that `table_files.table` reads.
         problem: What was solved.
-        columns: Column of this tool → column of the table, with a factor if need be:
-            ``{"lambda[bars.rod]": "-2 * force"}``.
+        columns: Column of this tool → formula of the table's columns, see `formulas.formula`:
+            ``{"lambda[bars.rod]": "-2 * force", "h": 0.002}``.
 
     Raises:
         ArgumentError: When the table cannot be used; names the column or line.
     """
     import pandas as pd
 
-    frame, where = _frame(source)
-    notes: list[str] = []
-    taken = _columns([str(name) for name in frame.columns], problem, columns, where, notes)
-    numbers = {name: factor * _numbers(frame[theirs], f"{where}: {theirs}", where)
-             for name, (theirs, factor) in taken.items() if name not in TEXTS}  # fmt: skip
-    abscissa = _abscissa(numbers, f"; has {_some(frame.columns)}", where)
+    mapping, notes = dict(columns or {}), list[str]()
+    frame, where = table_files.table(source, mapping)
+    taken, numbers = columns_of(frame, where, problem, mapping, notes)
+    has = f"; has {some(frame.columns)}{_HELP}"
+    abscissa = next((name for name in ABSCISSAS if name in numbers), "")
+    if not abscissa or "t" not in numbers:
+        lacking = "t" if abscissa else "h, tolerance or steps"
+        raise ArgumentError(f"{where}: needs a column {lacking}{has}")
     ours = {part: [f"{part}[{name}]" for name in names]
             for part, names in names_of(problem).items() if names}  # fmt: skip
     present = {part: [name for name in names if name in numbers] for part, names in ours.items()}
     state = [*chain(*present.values())]
     if not state:
         wanted = ", ".join(names[0] for names in ours.values())
-        raise ArgumentError(
-            f"{where}: no column of {problem.name}, such as {wanted}; has {_some(frame.columns)}"
-        )
-    table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **numbers})
+        raise ArgumentError(f"{where}: no column of {problem.name}, such as {wanted}{has}")
+    table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **numbers}, index=frame.index)
     for name in TEXTS:
         if name in taken:
-            table[name] = frame[taken[name][0]].fillna("").astype(str).to_numpy()
+            table[name] = frame[taken[name].columns[0]].fillna("").astype(str)
     _refuse_rows(table, abscissa, where, problem.t0)
     later = frame[(table["t"] > problem.t0).to_numpy()]
     if not len(later):
         raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
-    unscaled = [numbers[name] for name in state if taken[name][1] == 1]
+    written = [*dict.fromkeys(chain(*(taken[name].columns for name in state)))]
+    as_written = [numbers[name] for name in state if taken[name].is_plain]
     return Runs(
         _runs(table, abscissa, problem, ours, present),
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
         present,
         notes,
-        _most_digits(later[[taken[name][0] for name in state]].head(_LOOKED_AT)),
-        _is_single(np.concatenate([np.zeros(0), *unscaled])),
-    )  # fmt: skip
-
-
-def _frame(source: Any) -> tuple["pd.DataFrame", str]:
-    """A table with rows, and what errors call it."""
-    import pandas as pd
-
-    if isinstance(source, pd.DataFrame):
-        frame, where = source, "table"
-    else:
-        frame, where = _file(Path(source)), str(source)
-    if not len(frame):
-        raise ArgumentError(f"{where}: no row")
-    if frame.columns.duplicated().any():
-        twice = frame.columns[frame.columns.duplicated()][0]
-        raise ArgumentError(f"{where}: column {twice} is there twice")
-    return frame, where
+        table_files.most_digits(later[written].head(_LOOKED_AT)),
+        _is_single(np.concatenate([np.zeros(0), *as_written])),
+    )
 
 
 def _runs(
@@ -196,76 +183,89 @@ def _runs(
     return sorted(runs, key=lambda run: (order.index(run.series), -run.size, run.twin))
 
 
-def _file(path: Path) -> "pd.DataFrame":
-    """A file's table; of a CSV as text, since other parsers lose last digits."""
-    import pandas as pd
-
-    try:
-        if path.suffix == ".parquet":
-            require_parquet()
-            return pd.read_parquet(path.absolute())
-        # An absolute path is no address, which pandas would fetch.
-        frame = pd.read_csv(
-            path.absolute(), dtype=str, keep_default_na=False, skipinitialspace=True
-        )
-    except OSError as error:
-        missing = os.strerror(errno.ENOENT) if isinstance(error, FileNotFoundError) else str(error)
-        raise ArgumentError(f"{path}: cannot be read: {error.strerror or missing}") from None
-    except (ValueError, pd.errors.ParserError) as error:  # of either library
-        raise ArgumentError(f"{path}: not a table: {str(error).splitlines()[0]}") from None
-    frame.columns = frame.columns.str.strip()
-    return frame
-
-
-def _columns(
-    known: Sequence[str],
-    problem: Problem,
-    mapping: Mapping[str, Any] | None,
+def columns_of(
+    frame: "pd.DataFrame",
     where: str,
+    problem: Problem,
+    mapping: Mapping[str, Any],
     notes: list[str],
-) -> dict[str, tuple[str, float]]:
-    """Column of this tool → column of the table, and what its numbers are multiplied by."""
-    ours = {f"{part}[{name}]": part for part, names in names_of(problem).items() for name in names}
-    allowed = (*NUMBERS, *TEXTS, *ours)
-    sources: dict[str, tuple[str, float]] = {}
-    for name, expression in (mapping or {}).items():
+    further: Collection[str] = (),
+) -> tuple[dict[str, Formula], dict[str, Array]]:
+    """Columns of this tool in those of a table, and their numbers (rows,); NaN where it has none.
+
+    Args:
+        frame, where: The table, and what errors call it.
+        problem, mapping: As of `read`.
+        notes: Takes what is taken for granted.
+        further: Columns of this tool that are looked for besides those of `read`.
+
+    Raises:
+        ArgumentError: When the mapping cannot be used, or a column that must be meant for one of
+            the problem is none.
+    """
+    known = [*frame.columns]
+    ours = [f"{part}[{name}]" for part, names in names_of(problem).items() for name in names]
+    allowed = (*NUMBERS, *TEXTS, *ours, *further)
+    taken: dict[str, Formula] = {}
+    for name, text in mapping.items():
         if name not in allowed:
             raise ArgumentError(f"columns: unknown {shown(name)}{nearest(name, allowed)}")
-        sources[name] = _times(expression, known, f"columns: {name}: {where}")
-    for name in known:
-        if name in allowed or CORRECTIONS.fullmatch(name):
-            sources.setdefault(name, (name, 1.0))
-        elif re.fullmatch(r"(u|v|lambda|output)\[.*\]", name) and not any(
-            theirs == name for theirs, _ in sources.values()
-        ):
-            raise ArgumentError(f"{where}: {problem.name} has no {name}{nearest(name, ours)}")
-    _number_columns(known, problem, sources, notes)
-    used = {theirs for theirs, _ in sources.values()}
+        taken[name] = formula(text, known, f"columns: {name}: {where}")
+        if name in TEXTS and not taken[name].is_plain:
+            raise ArgumentError(f"columns: {name}: must be a column, given {shown(text)}")
+    ignored = set()
+    for theirs in known:
+        name, factor = _without_unit(theirs, allowed)
+        if name in mapping:
+            ignored.add(theirs)
+        elif name in taken:
+            raise ArgumentError(f"{where}: column {name} is there twice, as {theirs}, too")
+        elif name in allowed or CORRECTIONS.fullmatch(name):
+            taken[name] = column(theirs, factor)
+            if name != theirs:
+                times = f", times {factor:g}" if factor != 1 else ""
+                notes.append(f"{theirs}: taken for {name}{times}")
+    _number_columns(known, problem, taken, notes)
+    used = set(chain(*(formula.columns for formula in taken.values())))
     left = [name for name in known if name not in used and not name.startswith("a[")]
+    for name in left:
+        if name not in ignored and _is_meant(name, ours, taken):
+            raise ArgumentError(f"{where}: {problem.name} has no {name}{nearest(name, ours)}")
     if left:
-        notes.append(f"not read: column {_some(left)}")
-    return sources
+        notes.append(f"not read: column {some(left)}")
+    counted = {name: formula for name, formula in taken.items() if name not in TEXTS}
+    used = set(chain(*(formula.columns for formula in counted.values())))
+    values = {name: table_files.numbers(frame, name, where) for name in known if name in used}
+    with np.errstate(all="ignore"):
+        numbers = {name: np.full(len(frame), one.of(values)) for name, one in counted.items()}
+    return taken, numbers
 
 
-def _times(expression: Any, known: Sequence[str], where: str) -> tuple[str, float]:
-    """Column and factor from text such as ``-2 * force``."""
-    match = _FACTOR.fullmatch(str(expression))
-    assert match is not None
-    if match[3] not in known:
-        raise ArgumentError(f"{where} has no column {match[3]!r}{nearest(match[3], known)}")
-    try:
-        factor = float(match[2] or 1)
-    except ValueError:
-        factor = math.nan
-    if not 0 < factor < math.inf:
-        raise ArgumentError(f"{where}: not a factor, given {match[2]!r}")
-    return match[3], -factor if match[1] else factor
+def _without_unit(name: str, allowed: Collection[str]) -> tuple[str, float]:
+    """Name of a column without its unit in brackets, and what makes it an SI unit."""
+    match = _UNIT.fullmatch(name)
+    if name in allowed or match is None or match[1] not in allowed:
+        return name, 1.0
+    return match[1], _UNITS.get(match[2].strip(), 1.0)
+
+
+def _is_meant(name: str, ours: Sequence[str], taken: Collection[str]) -> bool:
+    """Whether a column must be meant for one of the problem: ``lamda[rod]``, ``old u[A.x]``."""
+    if match := re.fullmatch(r"\s*([^\W\d_]+)\s*\[(.*)\]\s*", name):
+        head, component = match[1], match[2]
+        if head.casefold() in ("u", "v", "lambda", "output"):
+            return True
+        if head in _PARTS or closest(head, ("lambda", "output")):
+            return closest(component, [one.partition("[")[2][:-1] for one in ours]) is not None
+    missing = [one for one in ours if one not in taken]
+    alike = [one for one in missing if one[0] == name[:1].casefold()]
+    return any(one in name for one in missing) or closest(name, alike) is not None
 
 
 def _number_columns(
     known: Sequence[str],
     problem: Problem,
-    sources: dict[str, tuple[str, float]],
+    taken: dict[str, Formula],
     notes: list[str],
 ) -> None:
     """Take columns that are numbered, one for each component, in the mechanism's order."""
@@ -280,35 +280,10 @@ def _number_columns(
         numbers, theirs = zip(*sorted(columns), strict=True)
         # From 0 or from 1 on: others are not all that there are, or of two parts.
         whole = [number - numbers[0] for number in numbers] == list(range(len(names)))
-        if whole and numbers[0] < 2 and not set(wanted) & sources.keys():
-            sources |= {name: (column, 1.0) for name, column in zip(wanted, theirs, strict=True)}
+        if whole and numbers[0] < 2 and not set(wanted) & taken.keys():
+            taken |= {ours: column(one) for ours, one in zip(wanted, theirs, strict=True)}
             span = theirs[0] if len(theirs) == 1 else f"{theirs[0]} … {theirs[-1]}"
             notes.append(f"{span}: taken for {wanted[0]} … in the mechanism's order")
-
-
-def _numbers(column: "pd.Series[Any]", what: str, where: str) -> Array:
-    """(rows,) numbers of a column; NaN where it is empty, or says that there is none."""
-    values = column.to_numpy()
-    try:
-        return np.asarray(values, object).astype(float)
-    except (ValueError, TypeError):
-        pass  # where some are empty, or words
-    numbers = np.full(len(values), math.nan)
-    for place, value in enumerate(values):
-        text = str(value).strip()
-        # "nan" is in all that C writes for numbers that are none, such as -nan(ind).
-        if text and text != "None" and "nan" not in text.lower():
-            try:
-                numbers[place] = float(text)
-            except ValueError:
-                line = _line(place, where)
-                raise ArgumentError(f"{what}, {line}: not a number, given {text!r}") from None
-    return numbers
-
-
-def _line(place: int, where: str) -> str:
-    """What a row of a table is called."""
-    return f"line {place + 2}" if where.endswith(".csv") else f"row {place + 1}"
 
 
 def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str, t0: float) -> None:
@@ -321,7 +296,7 @@ def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str, t0: float) ->
         if wrong.any():
             at = int(np.argmax(wrong))
             raise ArgumentError(
-                f"{where}, {_line(at, where)}: {name} must be {wanted}, "
+                f"{where}, {table_files.line(table, at)}: {name} must be {wanted}, "
                 f"given {table[name].iloc[at]:g}"
             )
     again = table.duplicated(["series", abscissa, "twin", "t"])
@@ -334,27 +309,6 @@ def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str, t0: float) ->
         )
 
 
-def _abscissa(columns: Collection[str], has: str, where: str) -> str:
-    """The column of sizes; there must be one of times, too."""
-    abscissa = next((name for name in ABSCISSAS if name in columns), None)
-    if abscissa is None or "t" not in columns:
-        lacking = "t" if abscissa else "h, tolerance or steps"
-        raise ArgumentError(f"{where}: needs a column {lacking}{has}")
-    return abscissa
-
-
-def _most_digits(frame: "pd.DataFrame") -> int:
-    """Most significant digits of numbers that are text."""
-    texts = (text for text in frame.to_numpy().flat if isinstance(text, str))
-    return max(map(_digits, texts), default=0)
-
-
-def _digits(text: Any) -> int:
-    """Digits that a number is written with."""
-    mantissa = re.sub(r"[eE].*", "", str(text)).strip().lstrip("+-0.")
-    return len(mantissa.replace(".", ""))
-
-
 def _is_single(numbers: Array) -> bool:
     """Whether all are numbers of single precision; zeros and ones are of any."""
     telling = numbers[np.isfinite(numbers)]
@@ -363,7 +317,8 @@ def _is_single(numbers: Array) -> bool:
         return bool(len(telling)) and bool(np.all(telling == telling.astype(np.float32)))
 
 
-def _some(names: Iterable[Any]) -> str:
+def some(names: Iterable[Any]) -> str:
+    """The first names of a list, in words."""
     every = [str(name) for name in names]
     return ", ".join(every[:6]) + (f" and {len(every) - 6} more" if len(every) > 6 else "")
 

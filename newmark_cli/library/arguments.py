@@ -1,6 +1,5 @@
 """Arguments of public functions, checked: one clear sentence for each mistake."""
 
-import reprlib
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import wraps
 from numbers import Integral, Real
@@ -10,11 +9,10 @@ import numpy as np
 
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
+from newmark_cli.support.arrays import shown as shown
 from newmark_cli.support.errors import ArgumentError
 from newmark_cli.support.spelling import nearest
 
-_REPR = reprlib.Repr()
-_REPR.maxstring = _REPR.maxother = 60
 #: Least step size of a march (s), and the inverse of its largest: 1/h⁴ is a number.
 _LEAST_H = 1e-60
 
@@ -36,15 +34,6 @@ def scaling_by_either_name(function: _Function) -> _Function:
         return function(*positional, **named)
 
     return cast(_Function, called)
-
-
-def shown(value: Any) -> str:
-    """A value in few words."""
-    if isinstance(value, np.ndarray):
-        return f"an array of shape {value.shape}"
-    if isinstance(value, np.generic):
-        value = value.item()
-    return _REPR.repr(value)
 
 
 def number(name: str, value: Any, unit: str = "") -> float:

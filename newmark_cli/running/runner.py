@@ -23,7 +23,7 @@ from newmark_cli.study import csv_files, motion, provenance, trajectories
 from newmark_cli.study.axes import Cell, present
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.config import Study
-from newmark_cli.support import apart, interrupts
+from newmark_cli.support import apart, files, interrupts
 from newmark_cli.support.errors import InputError
 
 
@@ -127,7 +127,7 @@ def run_studies(
     """
     watcher = watcher or Watcher()
     if options.parquet:
-        trajectories.require_parquet()
+        files.require_parquet("--trajectories parquet")
     with _held(studies, folder):
         if not options.replace:
             _require_own(studies, folder)

@@ -19,24 +19,14 @@ from newmark_cli.study import axes, csv_files, csv_rows
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.csv_files import HISTORY_COLUMNS, HISTORY_MAY_HAVE
-from newmark_cli.support.errors import InputError, ResultsError
+from newmark_cli.support import files
+from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _LABELS = frozenset((*HISTORY_COLUMNS, *HISTORY_MAY_HAVE))
 _TEXTS = _LABELS - {"h", "step", "t"}
-
-
-def require_parquet() -> None:
-    """Refuse to write Parquet where nobody can."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError:
-        raise InputError(
-            "--trajectories parquet needs pyarrow; install it with: "
-            "pip install 'newmark-study[parquet]'"
-        ) from None
 
 
 def table(study: str, cells: Sequence[Cell], outcomes: Sequence[Outcome]) -> "pd.DataFrame | None":
@@ -110,7 +100,7 @@ def parse(path: Path, content: bytes | OSError) -> "pd.DataFrame":
 
 
 def _read_parquet(path: Path, content: bytes | OSError) -> "pd.DataFrame":
-    require_parquet()
+    files.require_parquet("--trajectories parquet")
     import pyarrow as pa
     from pyarrow import parquet
 

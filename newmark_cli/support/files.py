@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from newmark_cli.support.errors import ResultsError
+from newmark_cli.support.errors import InputError, ResultsError
 
 #: Not to wait for a pipe that nobody writes to, and not to follow a link; Windows lacks both.
 _NO_WAIT, _NO_LINK = (getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOFOLLOW"))
@@ -259,3 +259,20 @@ def _as_results_error(path: Path, what: str) -> Iterator[None]:
         yield
     except OSError as error:
         raise ResultsError(f"{path}: {what}: {error.strerror or error}") from None
+
+
+def require_parquet(what: str) -> None:
+    """Refuse Parquet where the package for it is not installed.
+
+    Args:
+        what: What needs it, in words.
+
+    Raises:
+        InputError: Says how to install it.
+    """
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        raise InputError(
+            f"{what} needs pyarrow; install it with: pip install 'newmark-study[parquet]'"
+        ) from None

@@ -187,8 +187,8 @@ def test_bad_tables_are_refused_in_a_line(cli):
     for options, said in (
         (("--integrator", "bdf9"), "unknown method 'bdf9'"),
         (("--columns", "none.yaml"), "none.yaml: cannot be read"),
-        (("--columns", "dots.yaml"), "columns: u[P.x]: mine.csv: not a factor, given '1.2.3'"),
-        (("--columns", "huge.yaml"), "columns: u[P.x]: mine.csv: not a factor, given '1e999'"),
+        (("--columns", "dots.yaml"), "columns: u[P.x]: mine.csv: not a formula, given '1.2.3 * t'"),
+        (("--columns", "huge.yaml"), "columns: u[P.x]: mine.csv: not a formula, given '1e999 * t'"),
         (("--plot", "mine.gif"), "mine.gif: a figure ends in .png"),
     ):
         table.to_csv(path, index=False)
