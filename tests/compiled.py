@@ -18,7 +18,7 @@ CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
 
 def march(problem, **how):
     """One step."""
-    newmark_cli.march(problem, h=1e-3, steps=1, **how)
+    return newmark_cli.march(problem, h=1e-3, steps=1, **how)
 
 
 #: What is compiled, by the types of the kernel and the functions of a problem; the last is what
@@ -28,8 +28,12 @@ PARTS = (
         march("pendulum", formulation="index-2"),
         march("spatial-slider-crank", formulation="index-2"),
     ),
-    lambda: (march("pendulum"), march("pendulum", precision="float32")),
-    lambda: newmark_cli.problem(f"{CAR_AXIS}:car_axis", compiled=False),
+    lambda: march("pendulum", formulation="index-2", precision="float32"),
+    lambda: (
+        march("pendulum").energy,
+        march("pendulum", precision="float32"),
+        newmark_cli.problem(f"{CAR_AXIS}:car_axis", compiled=False),
+    ),
 )
 
 

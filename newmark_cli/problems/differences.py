@@ -23,7 +23,7 @@ LONGEST_STEP, STEP_RATIO, STEPS = 1e-2, 1.9, 7
 #: (s), the part of its size by which the motion may move over it, and how many there are.
 _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME = 0.13, 0.3, 11
 _SHRINKING = STEP_RATIO ** -np.arange(_STEPS_IN_TIME)
-_EPS = 2.2e-16
+_PART, _EPS = 3e-2, 2.2e-16
 
 #: The four functions, as a definition calls them.
 ROWS = ("constraint_rate", "curvature", "rate_gradient", "acceleration_gradient")
@@ -178,16 +178,22 @@ def states_along(t, u, v, w, rate, share, in_time):  # type: ignore[no-untyped-d
                     states[k, i] = u[i] + (0.0 if way == 0 else shift * direction[i])
                 k += 1
     m = rate.shape[0]
-    return states, times, np.empty((1 + 2 * first.shape[0], m)), np.empty((count, u.shape[0], m))
+    return states, times, np.empty((1 + 2 * first.shape[0], m)), np.empty((count, u.shape[0] * m))
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def _ways(t, u, v, w, share, in_time):  # type: ignore[no-untyped-def]
     """Steps in time, if they are wanted, along v, and along w unless it vanishes."""
+    first = steps_along(u, v, _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME * int(in_time), share)
     # Steps by which t changes without rounding: it stands in laws of high frequency.
-    first = t + share * steps_along(u, v, _LONGEST_IN_TIME, _IN_TIME, _STEPS_IN_TIME) - t
-    second, third = share * steps_along(u, v, LONGEST_STEP), share * steps_along(u, w, np.inf)
-    return first[: len(first) * in_time], second, third[: STEPS * (size_of(w) > 0)]
+    for k in range(first.shape[0]):
+        first[k] = t + first[k] - t
+    second = steps_along(u, v, LONGEST_STEP, _PART, STEPS, share)
+    third = steps_along(u, w, np.inf, _PART, STEPS * int(size_of(w) > 0), share)
+    return first, second, third
+
+
+# Loops from here on: expressions of arrays take several seconds to compile for every problem.
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -195,28 +201,23 @@ def take_rows(  # type: ignore[no-untyped-def]
     phi, gradients, t, u, v, w, share, in_time, rate, curvature, r_values, q_values
 ):
     """The four from Φ and G at `states_along`, as far as these are there."""
-    _, n, m = gradients.shape
-    size, length, speed = size_of(gradients[0].reshape(n * m)), size_of(u), size_of(v)
     first, second, third = _ways(t, u, v, w, share, in_time)
-    then = gradients[1 : 1 + 2 * len(first)]
-    there = gradients[1 + 2 * len(first) :].reshape(-1, n * m)
+    noise, length, speed = _EPS * size_of(gradients[0]), size_of(u), size_of(v)
+    there = 1 + 2 * first.shape[0]
     if in_time:
-        rounding = _EPS * size * length / first
-        copy(extrapolated(_first(phi[1:], first), STEP_RATIO, rounding), rate)
+        _set_limits(_first(phi[1:], first), first, noise * length, 0.0, rate)
         # Φ'' = (Gᵀ v)' along the motion + (Φ_t)': first differences of G, which lose
         # less than second ones of Φ; those remain for a Φ that depends on time.
-        bent = _second(phi[1:], phi[0], first) + _first(_products(then, v), first)
-        rounding = _EPS * size * (length / first + speed) / first
-        copy(extrapolated(bent, STEP_RATIO, rounding), curvature)
-        turned = _first(_products(there[: 2 * STEPS].reshape(-1, n, m), v), second)
-        curvature += extrapolated(turned, STEP_RATIO, _EPS * size * speed / second)
-    turned = _first(there[: 2 * STEPS], second)
-    copy(extrapolated(turned, STEP_RATIO, _EPS * size / second), r_values)
-    bent = _second(there[: 2 * STEPS], gradients[0].reshape(n * m), second)
-    copy(extrapolated(bent, STEP_RATIO, _EPS * size / second**2), q_values)
-    if len(third):
-        turned = _first(there[2 * STEPS :], third)
-        q_values += extrapolated(turned, STEP_RATIO, _EPS * size / third)
+        bent = _second(phi[1:], phi[0], first)
+        _add(_first(_products(gradients[1:there], v, phi.shape[1]), first), bent)
+        _set_limits(bent, first, noise * speed, noise * length, curvature)
+        turned = _products(gradients[there : there + 2 * STEPS], v, phi.shape[1])
+        _add_limits(_first(turned, second), second, noise * speed, 0.0, curvature)
+    along = gradients[there : there + 2 * STEPS]
+    _set_limits(_first(along, second), second, noise, 0.0, r_values)
+    _set_limits(_second(along, gradients[0], second), second, 0.0, noise, q_values)
+    if third.shape[0]:
+        _add_limits(_first(gradients[there + 2 * STEPS :], third), third, noise, 0.0, q_values)
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -225,7 +226,7 @@ def directions(v, w, rate):  # type: ignore[no-untyped-def]
     directions = np.zeros((3, v.shape[0]))
     copy(v, directions[1])
     copy(w, directions[2])
-    return directions, np.empty((3, v.shape[0], rate.shape[0]))
+    return directions, np.empty((3, v.shape[0] * rate.shape[0]))
 
 
 @cached_njit(nogil=True, error_model="numpy")
@@ -233,39 +234,85 @@ def take_rows_of_quadratic(  # type: ignore[no-untyped-def]
     gradients, v, rate, curvature, r_values, q_values
 ):
     """The four from G at `directions`."""
-    changes = gradients[1:] - gradients[0]
-    rate[:] = 0.0
-    copy(_products(changes, v)[0], curvature)
-    copy(changes[0], r_values)
-    copy(changes[1], q_values)
+    for k in range(gradients.shape[1]):
+        r_values[k] = gradients[1, k] - gradients[0, k]
+        q_values[k] = gradients[2, k] - gradients[0, k]
+    m = rate.shape[0]
+    for c in range(m):
+        rate[c] = curvature[c] = 0.0
+        for i in range(v.shape[0]):
+            curvature[c] += r_values[i * m + c] * v[i]
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def _products(gradients, v):  # type: ignore[no-untyped-def]
-    """(k, m) Gᵀ v of (k, n, m) G."""
-    return (gradients * v.reshape(1, -1, 1)).sum(axis=1)
+def _products(gradients, v, m):  # type: ignore[no-untyped-def]
+    """(k, m) Gᵀ v of (k, n · m) G."""
+    products = np.zeros((gradients.shape[0], m))
+    for k in range(gradients.shape[0]):
+        for i in range(v.shape[0]):
+            for c in range(m):
+                products[k, c] += gradients[k, i * m + c] * v[i]
+    return products
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def _first(values, steps):  # type: ignore[no-untyped-def]
     """(k, m) first derivatives from values ahead and behind in turn."""
-    return (values[::2] - values[1::2]) / (2 * steps.reshape(-1, 1))
+    derivatives = np.empty((steps.shape[0], values.shape[1]))
+    for k in range(steps.shape[0]):
+        for c in range(values.shape[1]):
+            derivatives[k, c] = (values[2 * k, c] - values[2 * k + 1, c]) / (2 * steps[k])
+    return derivatives
 
 
 @cached_njit(nogil=True, error_model="numpy")
 def _second(values, here, steps):  # type: ignore[no-untyped-def]
     """(k, m) second derivatives from values ahead and behind in turn, and here."""
-    return (values[::2] - here + (values[1::2] - here)) / steps.reshape(-1, 1) ** 2
+    derivatives = np.empty((steps.shape[0], values.shape[1]))
+    for k in range(steps.shape[0]):
+        for c in range(values.shape[1]):
+            change = values[2 * k, c] - here[c] + (values[2 * k + 1, c] - here[c])
+            derivatives[k, c] = change / (steps[k] * steps[k])
+    return derivatives
 
 
 @cached_njit(nogil=True, error_model="numpy")
-def steps_along(u, v, longest, part=3e-2, count=STEPS):  # type: ignore[no-untyped-def]
-    """Steps (s), longest first, that move no coordinate by more than a part of the largest."""
+def _add(values, out):  # type: ignore[no-untyped-def]
+    for k in range(out.size):
+        out.flat[k] += values.flat[k]
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _set_limits(differences, steps, of_first, of_second, out):  # type: ignore[no-untyped-def]
+    """Set (m,) limits of (k, m) differences, whose rounding has a first and a second order."""
+    for c in range(out.shape[0]):
+        out[c] = 0.0
+    _add_limits(differences, steps, of_first, of_second, out)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def _add_limits(differences, steps, of_first, of_second, out):  # type: ignore[no-untyped-def]
+    """Add them."""
+    rounding = np.empty(steps.shape[0])
+    for k in range(steps.shape[0]):
+        rounding[k] = (of_first + of_second / steps[k]) / steps[k]
+    _add(extrapolated(differences, STEP_RATIO, rounding), out)
+
+
+@cached_njit(nogil=True, error_model="numpy")
+def steps_along(u, v, longest, part=_PART, count=STEPS, share=1.0):  # type: ignore[no-untyped-def]
+    """Steps (s), longest first, that move no coordinate by more than a part of the largest.
+
+    Only a share of each is taken.
+    """
     size, speed = size_of(u), size_of(v)
     if size == 0:
         size = 1.0
     allowed = part * size / speed if speed > 0 else 1.0
-    return min(longest, allowed) * _SHRINKING[:count]
+    steps = np.empty(count)
+    for k in range(count):
+        steps[k] = share * (min(longest, allowed) * _SHRINKING[k])
+    return steps
 
 
 @cached_njit(nogil=True, error_model="numpy")

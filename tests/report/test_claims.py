@@ -202,7 +202,7 @@ problem: pendulum
 form: u-lambda
 preconditioning: [none, optimal]
 measure: [condition, correction, floor]
-h: [1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4]
+h: [1e-2, 1e-3, 1e-4]
 steps: 20
 figures:
   - {figure: 1, title: mine, measure: condition, quantity: jacobian, problem: pendulum,

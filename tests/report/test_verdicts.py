@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from newmark_cli.report.judging.fits import power_law
 from newmark_cli.report.judging.verdicts import (
     FAILING,
     INCOMPLETE,
@@ -50,6 +51,24 @@ def test_local_orders():
     h = np.array([1e-1, 1e-2, 1e-3, 1e-4])
     assert local_orders(h, h**3) == pytest.approx([3, 3, 3])
     np.testing.assert_equal(np.isnan(local_orders(h, np.array([1, 0, 1, 1]))), [True, True, False])
+
+
+@pytest.mark.parametrize(("squares", "straight"), [(2.0, True), (3.9, True), (4.1, False)])
+def test_points_off_a_line_by_more_than_they_are_known(squares, straight):
+    """Of three points with a sum of squares over their uncertainties; 4 is χ² at 95 %."""
+    h, unsure = np.array([1e-2, 1e-3, 1e-4]), 0.1
+    bend = np.sqrt(squares * (unsure**2 + 0.02**2) / 6) * np.array([1, -2, 1])
+    fit = power_law(h, h**2 * np.exp(bend), np.full(3, unsure))
+    assert fit.straight == straight
+    assert fit.margin / fit.stderr == pytest.approx(2.0 if straight else 13.97)
+
+
+@pytest.mark.parametrize(("slope", "verdict"), [(1.6, UNDECIDED), (2.6, PASS)])
+def test_a_bound_needs_its_whole_interval(slope, verdict):
+    """Slopes known to ± 0.25: one that may be the bound does not show it."""
+    values = np.array([1e-2, 1e-3, 1e-4]) ** slope
+    given = evidence(values, rounding=0.4 * values, kind="rounding", bound="of differences")
+    require(given, verdict, "at least order 2, a bound: .*" if verdict == PASS else ".*")
 
 
 def test_an_order_and_then_rounding():
@@ -120,6 +139,15 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
 ])  # fmt: skip
 def test_verdicts_on_errors(said, given, verdict, reason):
     require(given, verdict, reason)
+
+
+@pytest.mark.parametrize(("values", "stalls"), [
+    ([1, 10**-0.05, 10**-0.1], True), ([1, 10**-0.2, 10**-0.4], False),
+    ([1e-3, 1, 0.4], True), ([1e-3, 1, 0.2], False),
+])  # fmt: skip
+def test_what_does_not_fall(values, stalls):
+    """Less than a tenth of an order from the first, or half an order from the largest."""
+    assert (judge(evidence(values)).verdict == NOT_CONVERGING) == stalls
 
 
 def test_what_is_exactly_zero():

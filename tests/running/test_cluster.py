@@ -83,13 +83,13 @@ def lost(run):
 
 
 def test_workers_may_come_late_and_die(cli, threaded, scheduler):
-    """The run says that it waits; three come and one is killed: the same bytes as from threads."""
+    """The run says that it waits; two come and one is killed: the same bytes as from threads."""
     _, address, workers = scheduler
     run = running(cli, address, "-v")
     assert run.stderr.readline() == f"24 cells on the workers of {address}\n"
     line = run.stderr.readline()
     assert line == f"waiting for workers: the dask scheduler at {address} has none\n"
-    first, *_ = workers(3)
+    first, _ = workers(2)
     wait_for_cells(cli.folder / "dask", 2)
     first.send_signal(signal.SIGKILL)
     output, errors = run.communicate(timeout=120)
