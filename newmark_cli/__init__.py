@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice, advise
     from newmark_cli.advice.floors import floor
     from newmark_cli.advice.jacobians import JacobianAdvice, advise_jacobian
-    from newmark_cli.codes.judging import Judged, judge
     from newmark_cli.library.finding import dae, problem
+    from newmark_cli.library.judging import Judged, judge
     from newmark_cli.library.marching import march, steps
     from newmark_cli.library.scalings import Factors, scaling
     from newmark_cli.library.stepping import Steps
@@ -49,7 +49,7 @@ _HOMES = {
     "InputError": "support.errors",
     "IntegratorError": "newmark.integrator",
     "JacobianAdvice": "advice.jacobians",
-    "Judged": "codes.judging",
+    "Judged": "library.judging",
     "NewmarkError": "support.errors",
     "NewmarkWarning": "support.errors",
     "NewtonSystem": "newmark.newton_systems",
@@ -63,7 +63,7 @@ _HOMES = {
     "advise_jacobian": "advice.jacobians",
     "dae": "library.finding",
     "floor": "advice.floors",
-    "judge": "codes.judging",
+    "judge": "library.judging",
     "linear_systems": "library.systems",
     "march": "library.marching",
     "plot": "library.studies",

@@ -5,9 +5,9 @@ import pandas as pd
 
 #: Fault → name of the finding that must say so.
 FAULTS = {
-    "a(0) is not computed": "inconsistent a(0)",
-    "γ of another method": "order 1",
-    "γ without its β": "blow-up",
+    "a(0) is not computed": "a(0)",
+    "γ of another method": "averaging",
+    "γ without its β": "unstable",
     "λ of |Δ|² − L²": "factor of λ",
     "tangent without ∂(Gλ)/∂u": "linear convergence",
     "tolerance on h² λ": "Newton ends early",
@@ -15,7 +15,7 @@ FAULTS = {
     "constraints at the level of velocities": "drift",
     "constraints at the level of accelerations": "drift",
     "single precision": "single precision",
-    "start off Gᵀv = 0": "start off its constraints",
+    "start off Gᵀv = 0": "start",
     "h summed up in single precision": "clock",
     "mass of one point": "another mechanism",
 }

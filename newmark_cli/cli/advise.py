@@ -189,11 +189,11 @@ def _of_subject(
     subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
 ) -> "Iterator[Advice]":
     """Advice on a problem, or for all schemes of a study."""
-    from newmark_cli.study import config
+    from newmark_cli.study import config, naming
 
-    if not config.is_study(subject):
+    if not naming.is_study(subject):
         options = {**options, "h": _required(steps)}
-        spec = config.problem_named(subject, allow_code)
+        spec = naming.problem_named(subject, allow_code)
         yield call_with_problem(spec, _advised, spec.label, options)
         return
     chosen: dict[tuple[Any, ...], set[float]] = {}

@@ -99,14 +99,14 @@ def validate(files: tuple[str, ...], as_json: bool, allow_code: bool) -> int:
     Example:
       newmark-study validate my-study.yaml my-mechanism.yaml
     """
-    from newmark_cli.study import config
+    from newmark_cli.study import naming
     from newmark_cli.support.documents import DocumentError
 
     checked = []
     for name in files:
         lines, mistakes = list[str](), list[str]()
         try:
-            lines = config.describe(name, allow_code)
+            lines = naming.describe(name, allow_code)
         except DocumentError as error:
             mistakes = [mistake.text for mistake in error.mistakes]
             if error.more or error.stopped:
@@ -192,7 +192,7 @@ def draw(
     Example:
       newmark-study draw andrews --at 0.01
     """
-    from newmark_cli.study import config
+    from newmark_cli.study import naming
 
     if step is not None and step > time:
         raise InputError(f"--h: must be at most T = {time:g}, given {step:g}")
@@ -200,7 +200,7 @@ def draw(
         raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
         raise InputError("--animate: needs --at T, the end of the motion")
-    spec = config.problem_named(problem, allow_code)
+    spec = naming.problem_named(problem, allow_code)
     subject = spec.load()
     if subject.drawing is None:
         raise InputError(

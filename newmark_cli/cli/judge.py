@@ -18,7 +18,7 @@ from newmark_cli.cli.shared import (
 )
 
 if TYPE_CHECKING:
-    from newmark_cli.codes.judging import Judged
+    from newmark_cli.library.judging import Judged
 
 
 @click.command()
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     help="Print the header of a table for PROBLEM and its start, and judge nothing.",
 )
 @axis_option(
-    "integrator", "METHOD", "The code's integrator, 'generalized-alpha rho=0.9' by default."
+    "integrator", "METHOD", "The code's integrator: its orders are expected; without it, none."
 )
 @formulation_option
 @click.option("--projection", metavar="METHOD", help="The code's projection; none by default.")
@@ -73,14 +73,14 @@ def judge(
     Example:
       newmark-study judge mine.csv --problem andrews
     """
-    from newmark_cli.codes import judging
-    from newmark_cli.study import config
+    from newmark_cli.library import judging
+    from newmark_cli.study import naming
 
     if template is not None:
         if table is not None or problem is not None:
             raise click.UsageError("--template goes without a table")
         screen.lines(
-            call_with_problem(config.problem_named(template, allow_code), judging.template)
+            call_with_problem(naming.problem_named(template, allow_code), judging.template)
         )
         screen.note(f"Write {judging.ROWS}, with 17 digits (%.17g).")
         return 0
@@ -88,11 +88,11 @@ def judge(
         raise click.UsageError("give TABLE and --problem, or --template")
     arguments = {name: value for name, value in options.items() if value is not None}
     judged: Judged = call_with_problem(
-        config.problem_named(problem, allow_code), judging.of_files, table, arguments
+        naming.problem_named(problem, allow_code), judging.of_files, table, arguments
     )
     if plot is not None:
-        from newmark_cli.codes import drawing
+        from newmark_cli.library import drawn_errors
 
-        drawing.write(judged, plot)
+        drawn_errors.write(judged, plot)
     screen.lines(as_json_text(judged.to_dict()) if as_json else str(judged))
     return 1 if judged.fails(strict) else 0

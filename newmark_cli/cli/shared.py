@@ -111,6 +111,7 @@ def choosing_options(command: Callable[..., int]) -> Callable[..., int]:
         ("form", "F", "Form"),
         ("quantity", "Q", "Quantity, such as u or lambda"),
         ("measure", "M", "Measure, such as correction; for `plot` also work-precision"),
+        ("code", "C", "What has computed: newmark-study, or the name of another code"),
     ):
         option = axis_option(name, metavar, f"{text}; may be repeated.", multiple=True)
         command = option(command)

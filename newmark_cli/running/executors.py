@@ -20,6 +20,7 @@ from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Done, Outcome
 from newmark_cli.study.compute import compute, march_seconds, prepare
+from newmark_cli.study.replay import replayed
 from newmark_cli.support import apart
 from newmark_cli.support.errors import InputError
 
@@ -62,6 +63,9 @@ def perform(
 
     try:
         with np.errstate(all="ignore"):  # what is not finite becomes a status
+            if not isinstance(task.cell.code, str):
+                outcome, seconds = replayed(task.cell, task.reference, checked)
+                return Done(outcome, time.perf_counter() - start, seconds)
             prepare(task.cell)
             start = time.perf_counter()
             outcome = compute(task.cell, task.reference, checked)

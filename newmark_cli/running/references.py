@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from newmark_cli.codes.given_references import ReferenceFile
 from newmark_cli.mechanisms.known import KNOWN
-from newmark_cli.mechanisms.spec import ProblemSpec, Shipped
+from newmark_cli.mechanisms.spec import ProblemSpec, Shipped, with_problem
 from newmark_cli.problems import reference
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import NoReference, Reference
@@ -44,16 +45,20 @@ class References:
         self._solve, self._anew = solve, anew
         self._solved: dict[str, Reference | NoReference] = {}
 
-    def of(self, spec: ProblemSpec, t: float) -> Reference:
+    def of(self, spec: ProblemSpec, t: float, given: ReferenceFile | None = None) -> Reference:
         """The solution of a problem at a time; computed, or tried, at most once.
 
         Args:
+            spec: The problem.
             t: Time since the problem's start (s).
+            given: File to read it from instead.
 
         Raises:
             NoReference: The motion cannot be computed up to that time.
             ResultsError: The reference cannot be written.
         """
+        if given is not None:
+            return with_problem(spec, _given, given, t)
         if isinstance(spec, Shipped) and spec.name in KNOWN:
             known = KNOWN[spec.name](t)
             if known is not None:
@@ -80,6 +85,10 @@ class References:
             files.make_folder(self._folder, self._results)
             files.write_sealed(path, _record(spec.label, solution, content), self._results)
         return solution
+
+
+def _given(problem: Problem, file: ReferenceFile, t: float) -> Reference:
+    return file.solution(problem, t)
 
 
 def digest(problem: Problem, t: float) -> str:

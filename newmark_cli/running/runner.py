@@ -178,7 +178,7 @@ def _tasks(
         solution = None
         if "error" in cell.measure:
             try:
-                solution = references.of(cell.problem, cell.reached)
+                solution = references.of(cell.problem, cell.reached, cell.reference)
             except NoReference as error:
                 lacking[i] = str(error)
         tasks[i] = Task(cell, solution, timed=timed)
@@ -223,7 +223,7 @@ def _looked_after(planned: Planned, references: References, store: Store) -> Pla
     if planned.done is None or not planned.done.outcome.lacks:
         return planned
     try:
-        references.of(planned.cell.problem, planned.cell.reached)
+        references.of(planned.cell.problem, planned.cell.reached, planned.cell.reference)
     except NoReference as error:
         done = _without_reference(planned.done, str(error))
         if done.outcome.lacks != planned.done.outcome.lacks:

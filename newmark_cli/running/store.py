@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 #: Libraries that the numbers come from.
 _LIBRARIES = ("numpy", "scipy", "numba")
 #: Modules of ``study`` that the numbers of a cell come from.
-_OF_CELLS = ("axes", "axis", "compute", "measures", "observers")
+_OF_CELLS = ("axes", "axis", "compute", "measures", "observers", "replay")
 #: Digits of a digest in a file name.
 _DIGITS = 16
 
@@ -119,21 +119,24 @@ def _adapter() -> "TypeAdapter[Done]":
 def _key(cell: Cell) -> dict[str, str]:
     described = json.dumps(cell.computed, sort_keys=True)
     digest = hashlib.sha256(described.encode()).hexdigest()
-    return {"cell": digest, "problem": cell.problem.load().content, "core": core()}
+    content = cell.problem.load().content
+    if not isinstance(cell.code, str):
+        content = hashlib.sha256(f"{content} {cell.code.content}".encode()).hexdigest()
+    return {"cell": digest, "problem": content, "core": core()}
 
 
 @cache
 def core() -> str:
     """Digest of the code that the numbers come from, its libraries, and what they compute for.
 
-    Everything below `newmark_cli.newmark`, `newmark_cli.problems` and
-    `newmark_cli.mechanisms`, and the march of a cell.
+    Everything below `newmark_cli.newmark`, `newmark_cli.problems`, `newmark_cli.mechanisms` and
+    `newmark_cli.codes`, and the march of a cell.
     """
     package = Path(newmark_cli.__file__).parent
     files = [
         *(
             file
-            for room in ("newmark", "problems", "mechanisms")
+            for room in ("newmark", "problems", "mechanisms", "codes")
             for file in sorted((package / room).rglob("*.py"))
         ),
         *(package / "study" / f"{name}.py" for name in _OF_CELLS),

@@ -61,12 +61,16 @@ from newmark_cli.study.axis import (
 )
 
 if TYPE_CHECKING:
+    from newmark_cli.codes.given_references import ReferenceFile
+    from newmark_cli.codes.programs import OtherCode
     from newmark_cli.mechanisms.spec import ProblemSpec
 
 #: Names of studies, and so of their files.
 STUDY_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 SATURATION = "saturation"
+#: What this package is called among codes.
+OURS = "newmark-study"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,6 +206,14 @@ class Cell:
         names=AUXILIARY,
         about="what becomes of the integrator's past where the step size changes",
     )
+    code: "OtherCode | str" = axis(
+        initial=OURS,
+        since=(7, 5),
+        rare=True,
+        about="what computes: newmark-study, or another code by its command, Python function or "
+        "table of results",
+        shows="what has computed the row: `newmark-study`, or the name of another code",
+    )
     h: float = axis(
         series=False,
         since=(0, 0),
@@ -253,6 +265,13 @@ class Cell:
         "which steps `trajectory` keeps, and what of them; default: all",
         column=False,
         initial=None,
+    )
+    reference: "ReferenceFile | None" = setting(
+        "table with the solution at the end, in place of one that is computed; columns t, u[…], "
+        "v[…], lambda[…], and their relative errors error[u] …",
+        column=False,
+        initial=None,
+        default=None,
     )
     accept: tuple[str, ...] = setting(
         "statuses that cells may end with and not count as failed; not_converging, for series",

@@ -76,7 +76,7 @@ def compute(
         name: OBSERVERS[name](cell, march, reference) for name in MEASURES if name in cell.measure
     }
     every = [*observers.values(), _Watch(march.problem, cell.steps)]
-    counts, pivoted = _marched(march, cell.steps, every, on_steps)
+    counts, pivoted = marched(march, cell.steps, every, on_steps)
     rows = {name: observer.measured() for name, observer in observers.items()}
     if cell.twins:
         twinned = _by_twins(cell, observers, reference, on_steps)
@@ -114,13 +114,13 @@ def _by_twins(
     grid = cell.grid(problem.t0)
     for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov, grid):
         of_twin = {name: OBSERVERS[name](cell, twin, reference) for name in twinned}
-        _marched(twin, cell.steps, [*of_twin.values()], on_steps)
+        marched(twin, cell.steps, [*of_twin.values()], on_steps)
         for name, observer in of_twin.items():
             deviations[name].append(observer.deviations)
     return deviations
 
 
-def _marched(
+def marched(
     march: March, steps: int, observers: Sequence[Observer], on_steps: Callable[[int], None]
 ) -> tuple[IndexArray, int]:
     """Newton iterations of each step, and the number of pivoted steps."""

@@ -5,16 +5,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, product, starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-from pydantic import BeforeValidator, Field, PrivateAttr, create_model
+from pydantic import Field, PrivateAttr, create_model
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
-from newmark_cli.mechanisms import loading, registry
-from newmark_cli.mechanisms.families import FAMILIES
+from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.spec import (
-    ForcedMechanism,
     MechanismFile,
     ProblemSpec,
     Traits,
@@ -32,15 +30,16 @@ from newmark_cli.newmark.linear.choice import (
 from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
-from newmark_cli.problems.problem import Problem, is_beyond
-from newmark_cli.study import axes, fitting, keys, showable
+from newmark_cli.problems.problem import is_beyond
+from newmark_cli.study import axes, fitting, keys, other_codes, showable
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Cell
-from newmark_cli.study.axis import ALIASES, Axis
+from newmark_cli.study.axis import ALIASES, Axis, label
 from newmark_cli.study.entries import Expectations, Figures, Tables
 from newmark_cli.study.kinds import MOST_STEPS, Name
 from newmark_cli.study.measures import MEASURES, Measure
-from newmark_cli.study.subjects import Surroundings, problem_of
+from newmark_cli.study.replay import OF_STATES
+from newmark_cli.study.subjects import Surroundings
 from newmark_cli.support import documents
 from newmark_cli.support.documents import (
     Document,
@@ -50,8 +49,8 @@ from newmark_cli.support.documents import (
     StrictModel,
     misfit,
 )
-from newmark_cli.support.errors import InputError, warn
-from newmark_cli.support.spelling import closest, degrees_of_freedom, nearest
+from newmark_cli.support.errors import warn
+from newmark_cli.support.spelling import closest, nearest
 
 #: Shipped configs that `reproduce` runs: the paper's, and with `--all` those past it.
 REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms", "sensitivity")
@@ -98,6 +97,17 @@ class _Rules(RuledModel):
             yield from starmap(misfit, fitting.of_each_other(at))
         if self.trajectory is not None and "trajectory" not in self.measure:
             yield misfit("trajectory", "needs 'measure: trajectory'")
+        if len(set(self.others)) < len(self.others):
+            again = next(name for name in self.others if self.others.count(name) > 1)
+            yield misfit("code", f"two codes are named {again}")
+        if self.others and not set(self.measure) & set(OF_STATES):
+            text = f"other codes can be measured by {', '.join(OF_STATES)}"
+            yield misfit("measure" if "measure" in self.model_fields_set else "code", text)
+        if self.reference is not None and len(self.problem) > 1:
+            text = "is of one problem; give each problem a case of its own"
+            yield misfit("reference", text)
+        if self.others and self.steps == 0:
+            yield misfit("steps", "no other code without steps")
         yield from self._unfit()
 
     def _misfits_of_the_end(self, errors: bool) -> Iterator[PydanticCustomError]:
@@ -195,6 +205,7 @@ class _Rules(RuledModel):
         """Values along each axis by which cells differ, as CSVs would have them."""
         values = axes.values(self)
         values["preconditioning"] = tuple(variant.label for variant in self.variants())
+        values["code"] = tuple(map(label, values["code"]))
         solvers = [
             (DENSE, SPARSE, STATIC) if solver == AUTO else (solver,)
             for solver in values["linear_solver"]
@@ -212,7 +223,15 @@ class _Rules(RuledModel):
     @property
     def count(self) -> int:
         """Number of cells."""
-        return math.prod(map(len, axes.values(self).values()))
+        sizes = {name: len(values) for name, values in axes.values(self).items()}
+        others, codes = len(self.others), sizes.pop("code")
+        inside = math.prod(sizes[name] for name in other_codes.INSIDE)
+        return math.prod(sizes.values()) // inside * (inside * (codes - others) + others)
+
+    @property
+    def others(self) -> list[str]:
+        """Names of the other codes."""
+        return [code.name for code in axes.values(self)["code"] if not isinstance(code, str)]
 
     def recorded(self) -> int:
         """Most numbers in its trajectories."""
@@ -231,7 +250,11 @@ class _Rules(RuledModel):
 
     def cells(self) -> Iterator[Cell]:
         """Cells in the order of the CSV."""
-        for at in axes.grid(axes.values(self)):
+        values = axes.values(self)
+        first = {name: of[0] for name, of in values.items()}
+        for at in axes.grid(values):
+            if not other_codes.counts(at, first):
+                continue
             h, steps = at["h"], self.steps
             if steps is None:
                 steps = steps_until(self.t_end, h, at["h_sequence"])
@@ -255,7 +278,9 @@ def _dividing(t_end: float, steps: int) -> str:
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
     default: Any = keys.KrylovConfig() if axis.name == "krylov" else axis.default
-    return keys.annotation(axis), Field(default, description=axis.about, validate_default=axis.many)
+    own = {"code": other_codes.Codes, "reference": other_codes.GivenReference}
+    of = own[axis.name] if axis.name in own else keys.annotation(axis)
+    return of, Field(default, description=axis.about, validate_default=axis.many)
 
 
 if TYPE_CHECKING:
@@ -360,7 +385,10 @@ def parse(document: Document, around: Surroundings | None = None) -> Study:
     lines = (document.line(("expect", i)) for i in range(len(study.expect or ())))
     study._expected_at = (document.name, tuple(filter(None, lines)))
     for spec in dict.fromkeys(spec for case in study.cases for spec in case.problem):
-        _warn_of(spec)
+        warn_of(spec)
+    for case in study.cases:
+        if case.others and (inside := [of for of in case.measure if of not in OF_STATES]):
+            warn(f"{', '.join(inside)}: not of {', '.join(case.others)}; only {axes.OURS} shows it")
     return study
 
 
@@ -404,7 +432,7 @@ def _cases(
     return cases
 
 
-def _warn_of(spec: ProblemSpec) -> None:
+def warn_of(spec: ProblemSpec) -> None:
     """Warn of what a mechanism file can hardly mean."""
     if isinstance(spec, MechanismFile):
         warn(*spec.load().doubts)
@@ -423,7 +451,10 @@ def _case(
 
     if "t_end" in entry or "steps" in entry:
         shared = {key: value for key, value in shared.items() if key not in ("t_end", "steps")}
-    return documents.validate(document, Case, {**shared, **entry}, locate, around)
+    given = {**shared, **entry}
+    if "code" in given:
+        given = {**other_codes.USUAL, **given}
+    return documents.validate(document, Case, given, locate, around)
 
 
 def _refuse_repeated_cells(document: Document, cases: Mapping[int, Case]) -> None:
@@ -534,66 +565,3 @@ def _no_study(config: str) -> DocumentError:
         return DocumentError(f"{config}: is not a study; give a YAML file, or a shipped study")
     near = nearest(config, shipped())
     return DocumentError(f"{config}: no such file and no shipped study{near}")
-
-
-def is_study(subject: str) -> bool:
-    """Whether it is the name or file of a study rather than of a problem; refuses anything else."""
-    known = (*shipped(), *registry.PROBLEMS, *FAMILIES)
-    if subject in known:
-        return subject in shipped()
-    name = with_ending(subject)
-    if Path(name).suffix in (".yaml", ".yml"):
-        return not loading.is_mechanism(documents.read(Path(name), name).data)
-    if not (subject.endswith(")") or subject.rpartition(":")[0].endswith(".py")):
-        near = nearest(subject, known)
-        raise InputError(f"{subject}: no study and no problem of this name{near}")
-    return False
-
-
-def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
-    """Problem that a command line names: shipped, a mechanism file, a label, or code."""
-    document = Document.of("command line", {"problem": text})
-    around = Surroundings(allow_code=allow_code)
-    spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
-    _warn_of(spec)
-    return spec
-
-
-class _OneProblem(StrictModel):
-    problem: Annotated[Any, BeforeValidator(problem_of)]
-
-
-def describe(name: str, allow_code: bool) -> list[str]:
-    """Contents of a valid config or mechanism, in a line or a few."""
-    if name in shipped():
-        path = _shipped.folder() / f"{name}.yaml"
-    elif name in registry.PROBLEMS:
-        path = registry.file(name)
-    else:
-        path = Path(with_ending(name))
-        if path.suffix not in (".yaml", ".yml") and not path.exists() and not is_study(name):
-            return _summary(name, problem_named(name, allow_code).load())
-        name = str(path)
-    file = documents.fetch(path, name)
-    document = file.document()
-    if loading.is_mechanism(document.data):
-        if allow_code and loading.has_code(document.data):
-            problem = ForcedMechanism(file, path.absolute()).load()
-        else:
-            problem = loading.built(name, document)
-        warn(*problem.doubts)
-        from newmark_cli.mechanisms import guess
-
-        return _summary(name, problem) + guess.assembled(problem)
-    study = parse(document, Surroundings(path.parent, allow_code))
-    return [f"{name}: study {study.study}, {study.count} cells"]
-
-
-def _summary(name: str, problem: Problem) -> list[str]:
-    if problem.drawing is not None and len(problem.axes) == 3:
-        from newmark_cli.mechanisms import spatial_summary
-
-        return spatial_summary.lines(name, problem)
-    kind = "problem in Python" if problem.drawing is None else "mechanism"
-    free = degrees_of_freedom(problem.n - problem.m)
-    return [f"{name}: {kind}, {problem.n} coordinates, {problem.m} constraints, {free}"]

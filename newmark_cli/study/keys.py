@@ -52,6 +52,7 @@ from newmark_cli.study.kinds import (
     Factor,
     Known,
     Name,
+    OneLine,
     OneOrMore,
     Positive,
     StepCount,
@@ -522,6 +523,8 @@ _GIVEN: Mapping[str, Any] = {
         _StopOrText | None, BeforeValidator(lambda value: None if value == SATURATION else value)
     ],
     "h_sequence": OneOrMore[SequenceConfig],
+    # As choices have them; a case gives `newmark_cli.study.other_codes.Codes`.
+    "code": OneOrMore[OneLine],
     "h": OneOrMore[Positive],
     "t_end": Positive | None,
     "steps": StepCount | None,

@@ -250,13 +250,13 @@ class _Errors(Observer):
         self.deviations = errors(self.reference, march.seen, march.problem, march.t)
 
     def unresolved(self, quantity: str) -> float:
-        return _error_of(self.reference, OF_OUTPUTS.get(quantity, quantity))
+        return error_of(self.reference, OF_OUTPUTS.get(quantity, quantity))
 
     def measured(self) -> list[Measurement]:
         return _of_largest("error", self.deviations)
 
 
-def _error_of(reference: Any, quantity: str) -> float:
+def error_of(reference: Any, quantity: str) -> float:
     """The error of a reference itself; 0 without one."""
     name = {"lambda": "multipliers"}.get(quantity, quantity)
     return float(getattr(reference, f"{name}_error", 0.0))
@@ -354,7 +354,7 @@ class _Transients(Observer):
         }
 
     def unresolved(self, quantity: str) -> float:
-        return _error_of(self._exact and self._exact.start, quantity)
+        return error_of(self._exact and self._exact.start, quantity)
 
     def measured(self) -> list[Measurement]:
         return _of_largest("transient", self.deviations)
@@ -423,46 +423,54 @@ class _Trajectories(Observer):
         self._recorder.took(stretch)
 
     @cached_property
-    def _recorded(self) -> Trajectory:
+    def _over_time(self) -> tuple[dict[str, Array | IndexArray], list[Measurement]]:
         if not self._kept.at:
             self._recorder.keep_here()
-        return self._recorder.trajectory()
-
-    @cached_property
-    def _drifts(self) -> dict[str, Array]:
-        if DRIFT not in self._kept.keep:
-            return {}
-        recorded = self._recorded
-        states = zip(recorded.t.tolist(), recorded.u, recorded.v, strict=True)
-        missed = [misfits(self.problem, *state) for state in states]
-        return {name: np.array([of[name].error for of in missed]) for name in DRIFTS}
+        return over_time(self.problem, self._kept, self._recorder.trajectory())
 
     @property
     def trajectory(self) -> Mapping[str, Array | IndexArray]:
-        recorded = self._recorded
-        drifts = {f"{DRIFT}[{name}]": values for name, values in self._drifts.items()}
-        return {"step": recorded.numbers} | recorded.columns(self._kept.keep) | drifts
+        return self._over_time[0]
 
     def measured(self) -> list[Measurement]:
-        recorded = self._recorded
-        # The start is no step; where it is all that was kept, it has to do.
-        after = slice(1, None) if len(recorded.t) > 1 and recorded.numbers[0] == 0 else slice(None)
-        sizes = {name: recorded.arrays[name] for name in recorded.arrays if name in self._kept.keep}
-        if ENERGY in self._kept.keep and recorded.energy is not None:
-            sizes[ENERGY] = recorded.energy[:, None]
-        if OUTPUT in self._kept.keep and recorded.output_names:
-            sizes[OUTPUT] = recorded.outputs
-        sizes |= {name: values[:, None] for name, values in self._drifts.items()}
-        largest = {
-            name: np.abs(values[after]).max(axis=1, initial=0.0) for name, values in sizes.items()
-        }
-        if "lambda" in sizes:
-            largest["lambda"] = weights_at_start(self.problem).largest(sizes["lambda"][after])
-        return [
-            Measurement(name, "trajectory", "primary", statistics(largest[name]))
-            for name in OF_TRAJECTORIES
-            if name in largest
-        ]
+        return self._over_time[1]
+
+
+def over_time(
+    problem: Problem, kept: Kept, recorded: Trajectory
+) -> tuple[dict[str, Array | IndexArray], list[Measurement]]:
+    """Columns of the file of trajectories, and the rows of the CSV: the largest of each quantity.
+
+    Args:
+        problem: What was marched.
+        kept: What is kept of each step.
+        recorded: The steps that are kept.
+    """
+    drifts: dict[str, Array] = {}
+    if DRIFT in kept.keep:
+        states = zip(recorded.t.tolist(), recorded.u, recorded.v, strict=True)
+        missed = [misfits(problem, *state) for state in states]
+        drifts = {name: np.array([of[name].error for of in missed]) for name in DRIFTS}
+    # The start is no step; where it is all that was kept, it has to do.
+    after = slice(1, None) if len(recorded.t) > 1 and recorded.numbers[0] == 0 else slice(None)
+    sizes = {name: recorded.arrays[name] for name in recorded.arrays if name in kept.keep}
+    if ENERGY in kept.keep and recorded.energy is not None:
+        sizes[ENERGY] = recorded.energy[:, None]
+    if OUTPUT in kept.keep and recorded.output_names:
+        sizes[OUTPUT] = recorded.outputs
+    sizes |= {name: values[:, None] for name, values in drifts.items()}
+    largest = {
+        name: np.abs(values[after]).max(axis=1, initial=0.0) for name, values in sizes.items()
+    }
+    if "lambda" in sizes:
+        largest["lambda"] = weights_at_start(problem).largest(sizes["lambda"][after])
+    columns = {"step": recorded.numbers} | recorded.columns(kept.keep)
+    columns |= {f"{DRIFT}[{name}]": values for name, values in drifts.items()}
+    return columns, [
+        Measurement(name, "trajectory", "primary", statistics(largest[name]))
+        for name in OF_TRAJECTORIES
+        if name in largest
+    ]
 
 
 class _Floors(_Sampler):

@@ -59,6 +59,7 @@ VALUES = {
     "points": "how many step sizes the fit is for",
     "h_from": "largest step size of the fit",
     "h_to": "smallest step size of the fit",
+    "least": "smallest value, and its step size",
     "local_orders": "orders between successive step sizes",
     "verdict": "whether it is as predicted",
     "reason": "why the verdict is not a plain pass",

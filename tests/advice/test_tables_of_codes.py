@@ -9,10 +9,10 @@ from pages import ROOT
 from scipy.io import savemat
 
 import newmark_cli as newmark
-from newmark_cli.codes.judging import template
-from newmark_cli.codes.options import columns as columns_of
+from newmark_cli.codes.given_references import reference_at
 from newmark_cli.codes.reading import read
-from newmark_cli.codes.references_from_tables import reference_at
+from newmark_cli.library.judge_options import columns as columns_of
+from newmark_cli.library.judging import template
 from newmark_cli.problems.multipliers import relative_error
 from newmark_cli.problems.reference import solution
 

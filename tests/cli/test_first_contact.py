@@ -63,6 +63,7 @@ VALUES = {
         {"random": [0.5, 2]},
     ],
     "auxiliary": [*integrator.AUXILIARY],
+    "code": ["newmark-study", "a code of mine"],
     "h": [1e-3],
 }  # fmt: skip
 

@@ -6,7 +6,7 @@ from test_own_problems import EXAMPLES
 
 import newmark_cli as newmark
 from newmark_cli.newmark.integrator import INTEGRATORS, parse
-from newmark_cli.study import config, keys
+from newmark_cli.study import config, keys, naming
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
 
@@ -162,7 +162,7 @@ def test_a_thousand_mistakes_are_counted(cli):
     for name, text in (("m.yaml", mechanism), ("c.yaml", study)):
         cli.write(name, text)
         with pytest.raises(DocumentError) as caught:
-            config.describe(str(cli.folder / name), False)
+            naming.describe(str(cli.folder / name), False)
         assert (len(caught.value.mistakes), caught.value.more) == (50, 950)
         *lines, last = cli("validate", name, code=2).stderr.splitlines()
         assert len(lines) == len(set(lines)) == documents.MOST_REPORTED == 50

@@ -10,7 +10,7 @@ from PIL import Image
 
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.report.drawing import draw_mechanism
-from newmark_cli.study import config
+from newmark_cli.study import naming
 
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
@@ -51,7 +51,7 @@ def test_compiled_code_runs_through_the_kernel(cli):
 ])  # fmt: skip
 def test_every_mechanism_can_be_drawn(name):
     """Each body, bar and joint has its line, and a small mechanism its names and a key."""
-    subject = config.problem_named(name).load()
+    subject = naming.problem_named(name).load()
     drawn = draw_mechanism.mechanism_figure(name, subject, subject.u0)
     (axes,) = drawn.axes
     spatial, mechanism = len(subject.axes) == 3, subject.drawing

@@ -260,6 +260,7 @@ def test_slopes_csv(tmp_path):
         "points", "expected", "tolerance", "verdict", "problem", "integrator", "row_block",
         "evaluation", "precision", "linear_solver", "stop", "h_from", "h_to", "local_orders",
         "reason", "formulation", "projection", "multipliers", "start", "h_sequence", "auxiliary",
+        "code",
     )  # fmt: skip
     kinds = {"evaluation": "compensated", "precision": "float32", "linear_solver": "sparse-lu"}
     table = series(power(-1), **kinds)

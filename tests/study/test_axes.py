@@ -19,7 +19,8 @@ from newmark_cli.study import axes, config, csv_files
 STUDY_COLUMNS = (
     "study,problem,integrator,form,preconditioning,evaluation,precision,linear_solver,h,t_end,"
     "steps,quantity,measure,role,rms,max,median,last,zeros,not_converged,newton_iterations,status,"
-    "row_block,stop,met,formulation,projection,multipliers,start,rounding,h_sequence,auxiliary"
+    "row_block,stop,met,formulation,projection,multipliers,start,rounding,h_sequence,auxiliary,"
+    "code"
 )
 SLOPE_COLUMNS = (
     "figure,study,form,preconditioning,quantity,measure,slope,stderr,points,expected,tolerance,"
@@ -195,7 +196,7 @@ def test_an_axis_a_measure_and_a_column_are_an_entry_each(cli, tmp_path, committ
     assert "12 cached" in again[0]
     rows = rows_in(tmp_path / "results/quick.csv")
     # Columns of what seldom varies are there where it does.
-    seldom = ",h_sequence,auxiliary"
+    seldom = ",h_sequence,auxiliary,code"
     assert ",".join(rows[0]) == STUDY_COLUMNS.removesuffix(seldom) + ",repeat,spread"
     assert {(row["measure"], row["repeat"]) for row in rows} == {
         ("speed", "1"),

@@ -134,6 +134,15 @@ class Slope:
         h = self.h[self.fitted].tolist()
         return (max(h), min(h)) if h else (None, None)
 
+    @property
+    def least(self) -> tuple[float, float] | None:
+        """Smallest value and its step size; None where no value is finite."""
+        finite = np.flatnonzero(np.isfinite(self.values))
+        if not len(finite):
+            return None
+        place = finite[np.argmin(self.values[finite])]
+        return float(self.values[place]), float(self.h[place])
+
     def __getattr__(self, name: str) -> str:
         if name == "key":
             raise AttributeError(name)

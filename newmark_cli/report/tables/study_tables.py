@@ -37,6 +37,7 @@ _TEXTS: Mapping[str, Callable[[Slope], str]] = {
     "points": lambda slope: str(slope.fit.points),
     "h_from": lambda slope: _step(slope.span[0]),
     "h_to": lambda slope: _step(slope.span[1]),
+    "least": lambda slope: f"{slope.least[0]:.2g} at {slope.least[1]:g}" if slope.least else "",
     "local_orders": format_orders,
     "verdict": lambda slope: slope.verdict,
     "reason": lambda slope: slope.reason,
@@ -175,6 +176,7 @@ def _list(title: str, placed: Sequence[Placed], layout: TableConfig) -> Table:
 def _record(slope: Slope, layout: TableConfig) -> Record:
     """A series for programs: axes of a list, and values as numbers."""
     row: dict[str, Any] = {**slope.row(), "predicted": slope.expected, "fitted": slope.fit.slope}
+    row["least"] = slope.least[0] if slope.least else None
     names = layout.rows or ("study", *TABULATED)
     return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.shown}
 

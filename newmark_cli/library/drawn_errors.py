@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from newmark_cli.codes.judging import Judged
-from newmark_cli.codes.measuring import Measured, roundings
 from newmark_cli.codes.reading import STEP_SIZE
+from newmark_cli.codes.solutions import Measured, roundings
+from newmark_cli.library.judging import Judged
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array

@@ -3,27 +3,35 @@
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.codes import options as options_of
-from newmark_cli.codes.diagnosing import Finding, diagnosed
-from newmark_cli.codes.matching import matched
-from newmark_cli.codes.measuring import Measured, Motion, measured, method, slopes
-from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, names_of, read
-from newmark_cli.codes.references_from_tables import reference_at
+from newmark_cli.codes.causes import explained, without_solution
+from newmark_cli.codes.changes import MechanismFile, file_of
+from newmark_cli.codes.evidence import PARTS, Finding, Marched, Told
+from newmark_cli.codes.given_references import reference_at
+from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Runs, names_of, read
+from newmark_cli.codes.solutions import Measured, Motion
+from newmark_cli.codes.truth import NoMotion, Truth
+from newmark_cli.codes.undoing import undone
+from newmark_cli.library import judge_options
 from newmark_cli.library.finding import problem as problem_of
+from newmark_cli.library.measuring import measured, method, shown, slopes
+from newmark_cli.newmark import integrator as integrators
+from newmark_cli.newmark.formulation import CORRECTED
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.reference import NoReference
 from newmark_cli.report.judging.expectations import Expected, expected
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import text_table, wrapped
-from newmark_cli.report.judging.verdicts import FAILING, SHOWN, UNDECIDED
+from newmark_cli.report.judging.verdicts import FAILING, UNDECIDED
 from newmark_cli.study.measures import symbol
+from newmark_cli.support.errors import ArgumentError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,8 +83,23 @@ class Judged:
     @property
     def undecided(self) -> bool:
         """Whether no order could be judged, for want of step sizes or digits."""
-        judged = {slope.verdict for slope in self.slopes} - {SHOWN}
-        return judged == {UNDECIDED}
+        errors = {slope.verdict for slope in self.slopes if slope.measure == "error"}
+        return errors == {UNDECIDED}
+
+    @property
+    def conclusion(self) -> str:
+        """What can be said where no fault was found."""
+        if not self.slopes:
+            return "No error was measured."
+        if self.undecided:
+            return "No order could be judged."
+        left = [slope for slope in self.slopes if slope.verdict in (*FAILING, UNDECIDED)]
+        if left:
+            names = ", ".join(dict.fromkeys(_named(slope, self.series) for slope in left))
+            return f"No cause of a fault was found; see above what is said of {names}."
+        if any(note.startswith("not read") for note in self.notes):
+            return "Nothing wrong was found in the columns that were read."
+        return "Nothing wrong was found."
 
     def fails(self, strict: bool = False) -> bool:
         """Whether there is a fault, an order that is missed or an expectation that fails."""
@@ -122,7 +145,8 @@ class Judged:
             rows += [("",), (label,)] if label != UNNAMED or len(self.series) > 1 else []
             rows += [_row(slope, self.abscissa) for slope in self.slopes if slope.study == label]
         yield f"{self.problem}: errors and invariants\n"
-        yield text_table(rows, indent=2)
+        if self.slopes:
+            yield text_table(rows, indent=2)
         reasons = [(slope, slope.reason) for slope in self.slopes if slope.reason]
         if reasons:
             yield ""
@@ -134,12 +158,14 @@ class Judged:
         if self.notes:
             yield "\nTaken for granted:"
             yield from (wrapped(f"- {note}", 2) for note in self.notes)
-        nothing = "No order could be judged." if self.undecided else "Nothing wrong was found."
-        yield "\nFindings:" if self.findings else f"\n{nothing}"
+        if self.findings:
+            yield "\nFindings:"
         for finding in self.findings:
             label = f"{finding.series}: " if len(self.series) > 1 else ""
-            kind = "" if finding.fault else " (a limit of the method)"
+            kind = "" if finding.fault else " (no fault)"
             yield wrapped(f"- {label}{finding.name}{kind}: {finding.text}", 2)
+        if not self.faults:
+            yield f"\n{self.conclusion}"
 
 
 def _named(slope: Slope, series: Sequence[str]) -> str:
@@ -158,8 +184,8 @@ def _quantity(slope: Slope) -> str:
 def _row(slope: Slope, abscissa: str) -> tuple[str, ...]:
     used = slope.h[slope.fitted]
     over = f"{used.max():g} … {used.min():g}" if len(used) > 1 else "–"
-    place = int(np.nanargmin(np.where(np.isfinite(slope.values), slope.values, np.inf)))
-    least = f"{slope.values[place]:.2g} at {slope.h[place]:g}"
+    value, h = slope.least or (math.nan, math.nan)
+    least = f"{value:.2g} at {h:g}"
     fit = format_fit(slope.fit) if len(used) > 1 else "–"
     return (_quantity(slope), fit, format_order(slope.expected) or "–", over, least, slope.verdict)
 
@@ -197,8 +223,8 @@ def judge(
             ``quantity`` and ``value`` of these.  See docs/judge.md.
         problem: What was solved: what `problem` takes.
         integrator, formulation, projection, multipliers, start, evaluation: The method, as of
-            `march`, which says what orders to expect; generalized-α with ρ∞ = 0.9 and index 3
-            where nothing is said.  Columns of these names go before.
+            `march`, which says what orders to expect: without an integrator orders are
+            measured, and held against nothing.  Columns of these names go before.
         columns: Column of this tool → number, or formula of the table's columns:
             ``{"h": 0.002, "lambda[bars.rod]": "-2 * force", "u[A.x]": "0.5 * cos(angle)"}``; or a
             YAML file of it.
@@ -213,7 +239,7 @@ def judge(
         evidence, and what to do.
 
     Raises:
-        ArgumentError: When the table cannot be used, or the motion has no reference.
+        ArgumentError: When the table cannot be used.
         ProblemError, DocumentError: When the problem cannot be used.
         IntegratorError, FormulationError: For an unknown method.
 
@@ -235,19 +261,35 @@ def judge(
     chosen = (integrator, formulation, projection, multipliers, start, evaluation)
     options = {name: value for name, value in zip(METHOD, chosen, strict=True) if value is not None}
     method(options)
-    expectations = options_of.expected(expect)
-    runs = read(table, solved, options_of.columns(columns))
+    expectations = judge_options.expected(expect)
+    runs = read(table, solved, judge_options.columns(columns))
     for run in runs.runs:
         method(run.method)
     given = None if reference is None else reference_at(Path(reference), solved)
-    motion = Motion(solved, {}, given)
-    runs, factors = matched(runs, motion)
+    motion, truth, unsolved = Motion(solved, {}, given), None, ""
+    try:
+        motion.at(max(float(run.t[-1]) for run in runs.runs))  # which says why there is none
+        truth = _truth(runs, solved)
+        runs = _undone(runs, solved, truth)
+    except NoReference as error:
+        if given is not None:
+            raise ArgumentError(str(error)) from None
+        return Judged(solved.name, _unsolved(runs, solved, options, str(error)), runs.notes, [])
+    except NoMotion as error:  # errors are against the reference, and causes cannot be sought
+        unsolved = str(error)
     measurements = measured(runs, motion, options)
     judged = slopes(measurements, runs, motion, options) if measurements else []
     by_key = {slope.key: slope for slope in judged}
+    # What the caller expects takes the place of what the method's order would be.
+    judged = [
+        shown(slope) if any(one.matches(slope.key) for one in expectations) else slope
+        for slope in judged
+    ]
     return Judged(
         solved.name,
-        diagnosed(runs, measurements, motion, options, factors),
+        _explained(runs, measurements, truth, options, file_of(solved, problem))
+        if truth is not None
+        else _unsought(runs, unsolved),
         runs.notes,
         [slope for slope in judged if slope.quantity != "energy"],
         [
@@ -257,6 +299,78 @@ def judge(
         ],
         measurements,
         runs.abscissa,
+    )
+
+
+def _undone(runs: Runs, problem: Problem, truth: Truth) -> Runs:
+    """The runs in the mechanism's units, signs and order, which is noted."""
+    restored, notes = undone(runs.runs, problem, truth)
+    said = [f"{series}: {note}" for series, of in notes.items() for note in of]
+    return replace(runs, runs=restored, notes=(*runs.notes, *said))
+
+
+def _truth(runs: Runs, problem: Problem) -> Truth:
+    """The solution, until a step after the last row."""
+    last = max(float(run.t[-1]) for run in runs.runs)
+    step = max(run.size for run in runs.runs) if runs.abscissa == STEP_SIZE else 0.0
+    return Truth(problem, last + min(step, last - problem.t0))
+
+
+def _explained(
+    runs: Runs,
+    measurements: Sequence[Measured],
+    truth: Truth,
+    options: Mapping[str, Any],
+    file: MechanismFile | None,
+) -> list[Finding]:
+    """Findings on every series."""
+    by_run = {id(one.run): _marched(one) for one in measurements}
+    findings: list[Finding] = []
+    for label in dict.fromkeys(run.series for run in runs.runs):
+        own = [run for run in runs.runs if run.series == label]
+        told = _told(runs, own[-1].method, options)
+        marched = [by_run.get(id(run), Marched()) for run in own if run.ended and not run.twin]
+        findings += explained(label, own, truth.problem, told, marched, truth, file, runs.single)
+    return findings
+
+
+def _told(runs: Runs, of_table: Mapping[str, Any], options: Mapping[str, Any]) -> Told:
+    """What the table or the caller says of the code."""
+    said = {**options, **of_table}
+    how = method(said)
+    return Told(
+        integrators.parse(how["integrator"]) if said.get("integrator") else None,
+        how["formulation"].split()[0] if {"integrator", "formulation"} & said.keys() else "",
+        how.get("start") == CORRECTED,
+        runs.abscissa == STEP_SIZE,
+    )
+
+
+def _unsolved(runs: Runs, problem: Problem, options: Mapping[str, Any], why: str) -> list[Finding]:
+    """Findings where the motion has no solution to measure errors against."""
+    findings: list[Finding] = []
+    for label in dict.fromkeys(run.series for run in runs.runs):
+        own = [run for run in runs.runs if run.series == label]
+        told = _told(runs, own[-1].method, options)
+        findings += without_solution(label, own, problem, told, why)
+    return findings
+
+
+def _unsought(runs: Runs, why: str) -> list[Finding]:
+    """What is said where errors are known, and causes are not sought."""
+    text = f"{why}: errors are against the reference, and causes are not sought"
+    return [Finding("no solution", run.series, text, False) for run in runs.runs[:1]]
+
+
+def _marched(measured: Measured) -> Marched:
+    """What rounding and a march of ours leave of a run."""
+    errors = {part: measured.errors.get(("error", part)) for part in PARTS}
+    ours = {part: measured.ours.get(("error", part)) for part in PARTS}
+    misfit = measured.ours.get(("invariant", "position"))
+    return Marched(
+        {part: row.statistics.rounding for part, row in errors.items() if row},
+        {part: row.statistics.max for part, row in ours.items() if row},
+        misfit.statistics.max if misfit else math.nan,
     )
 
 

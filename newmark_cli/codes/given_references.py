@@ -6,7 +6,9 @@ errors of u, v and λ stand in columns ``error[u]``, ``error[v]`` and ``error[la
 one, the error is that of a column ``tolerance``; without that, half a unit in the last digit.
 """
 
+import hashlib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +31,43 @@ _SAME_TIME = 1e-11
 _WORST = 1e-3
 #: Times that an error names; the least error, which is rounding.
 _MOST_NAMED, _LEAST = 8, 4 * float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True)
+class ReferenceFile:
+    """A file of references that a study names, with what it said when the study was read.
+
+    Attributes:
+        name: As the config has it.
+        path: Where it is.
+        label: Digest of its content, by which cells are told apart.
+    """
+
+    name: str
+    path: Path
+    label: str
+
+    @classmethod
+    def of(cls, name: str, path: Path) -> "ReferenceFile":
+        """A file as it is now; raises OSError where it cannot be read."""
+        return cls(name, path, _digest(path))
+
+    def solution(self, problem: Problem, t: float) -> Reference:
+        """The solution of a problem at a time since its start (s).
+
+        Raises:
+            NoReference: Where the file has none, cannot be used, or has changed.
+        """
+        try:
+            if _digest(self.path) != self.label:
+                raise NoReference(f"{self.name} has changed since the run began")
+            return reference_at(self.path, problem)(t)
+        except (ArgumentError, OSError) as error:
+            raise NoReference(str(error)) from None
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:

@@ -1,0 +1,510 @@
+"""Says of one series what is wrong with the code, each cause with the test that it has passed.
+
+Rules stand in the order in which causes hide each other: runs and numbers first, then the start,
+the motion, the constraints, and λ last.  What no rule explains is only said to be seen.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from newmark_cli.codes import levels
+from newmark_cli.codes.changes import MechanismFile, Wanted, explained_by
+from newmark_cli.codes.evidence import (
+    PARTS,
+    SYMBOLS,
+    Evidence,
+    Finding,
+    Marched,
+    Told,
+    order_of,
+    printed,
+)
+from newmark_cli.codes.pushes import first_order
+from newmark_cli.codes.truth import NoMotion, Truth
+from newmark_cli.problems.problem import Problem
+
+if TYPE_CHECKING:
+    from newmark_cli.codes.reading import Run
+
+#: Error of u, in sizes, that tells of no solution at all.
+_WRECKED = 10.0
+#: Times in h at which a state may be another one's, and what part of the error may be left.
+_SHIFTS, _LEFT = (-1.0, -0.5, 0.5, 1.0), 0.1
+#: Iterations that count as many, and the part of the steps that must have as many.
+_MANY, _OFTEN = 8, 0.1
+#: Tolerances that an error should not exceed.
+_TOLERANCES = 1e3
+#: Numbers that may each explain a table, of which a sentence names at most so many.
+_NAMED = 4
+
+
+def explained(
+    label: str,
+    runs: Sequence["Run"],
+    problem: Problem,
+    told: Told,
+    marched: Sequence[Marched],
+    truth: Truth,
+    file: MechanismFile | None = None,
+    single: bool = False,
+) -> list[Finding]:
+    """Findings on one series.
+
+    Args:
+        label: What findings call it.
+        runs: All its runs, by descending sizes.
+        problem: What was solved.
+        told: What the caller says of the code.
+        marched: What a march of ours leaves, of each run that ended, twins aside.
+        truth: The solution, until a step after the last row.
+        file: The mechanism's file, whose numbers may be changed; None of other problems.
+        single: Whether every number is one of single precision.
+    """
+    found = _failures(label, runs, told)
+    ended = [run for run in runs if run.ended and not run.twin]
+    if not ended:
+        return found
+    evidence = Evidence(ended, problem, told, marched, single, truth)
+    found += [*_numbers(evidence, label)]
+    if told.steps:
+        found += [*_clock(evidence, label), *_unstable(evidence, label)]
+        if _named(found, "unstable"):
+            return found
+        if evidence.stopped:
+            sizes = ", ".join(f"{h:g}" for h in evidence.stopped)
+            found.append(Finding("seen", label, f"runs of h = {sizes} end before the others"))
+    else:
+        found += _beyond_tolerance(evidence, label)
+    found += _of_start(evidence, label, found)
+    if told.steps and not _named(found, "start", "length"):
+        found += _of_motion(evidence, label, found, file)
+    return [*found, *_out_of_reach(evidence, label), *_tangent(evidence, label)]
+
+
+def without_solution(
+    label: str, runs: Sequence["Run"], problem: Problem, told: Told, why: str
+) -> list[Finding]:
+    """What the differences of successive step sizes say, of a motion that has no solution.
+
+    Args:
+        label, runs, problem, told: As of `explained`.
+        why: Why there is none.
+    """
+    found = _failures(label, runs, told)
+    ended = [run for run in runs if run.ended and not run.twin]
+    ends = [run for run in ended if abs(run.t[-1] - ended[-1].t[-1]) < 0.1 * ended[-1].size]
+    said, low = [], False
+    for part in PARTS if told.steps and len(ends) > 2 else ():
+        values = np.array([run.state[part][-1] for run in ends])
+        values = values[:, np.isfinite(values).all(axis=0)]
+        if not values.size:
+            continue
+        gaps = np.abs(np.diff(values, axis=0)).max(axis=1)
+        resolution = 3 * printed(ends, part, problem.t0) * float(np.abs(values).max())
+        if (gaps > resolution).sum() < 2:
+            continue
+        order = order_of(np.array([run.size for run in ends]), gaps, gaps > resolution)
+        said.append(f"of {SYMBOLS[part]} with order {order:.2f}")
+        low = low or (told.order > 0 and part != "lambda" and order < told.order - 0.35)
+    text = f"{why}; so errors cannot be measured"
+    if said:
+        text += f", but differences of successive step sizes fall: {', '.join(said)}"
+    return [*found, Finding("no solution", label, text, low or not said)]
+
+
+def _named(found: Sequence[Finding], *names: str) -> bool:
+    return any(one.name in names and one.fault for one in found)
+
+
+def _of_start(evidence: Evidence, label: str, found: Sequence[Finding]) -> list[Finding]:
+    """The start, or a length that is another one: both miss Φ at the first row."""
+    starts = [*_start(evidence, label)]
+    lengths = [] if _named(found, "single precision") else [*levels.length(evidence, label)]
+    # Held at a level above, positions keep what the start misses.
+    if lengths and not (starts and evidence.told.formulation in ("index-1", "index-2")):
+        return lengths
+    return starts
+
+
+def _of_motion(
+    evidence: Evidence, label: str, before: Sequence[Finding], file: MechanismFile | None
+) -> list[Finding]:
+    """What u, v and λ say, where the start is the mechanism's."""
+    found = [*_late(evidence, label)]
+    every = [*before, *found]
+    if _named(every, "late", "clock", "single precision"):
+        return found
+    found += _mixed(evidence, label)
+    if _named(found, "mixed"):
+        return found
+    found += levels.single(evidence, label)
+    if _named(found, "single precision"):
+        return found
+    wrong = any(evidence.elsewhere(part) for part in ("u", "v"))
+    alternates = [*levels.alternation(evidence, label)]
+    if wrong:
+        return [*found, *_mechanism(evidence, label, file, bool(alternates)), *alternates]
+    explains = bool(alternates) or any("λ is" in one.text for one in found)
+    if not explains:
+        of_lambda = [*_factor(evidence, label, file)]
+        undamped = evidence.told.integrator is not None and not evidence.told.damped
+        sure = not undamped or levels.in_pairs(evidence)
+        if not of_lambda and sure and evidence.elsewhere("lambda"):
+            of_lambda = [*_mechanism(evidence, label, file, False)]
+        found += of_lambda
+        explains = bool(of_lambda)
+    found += [*first_order(evidence, label), *levels.constraints(evidence, label), *alternates]
+    if not explains and not any(one.fault for one in found):
+        found += [*_lambda_stops(evidence, label)] or [*_low_order(evidence, label)]
+    return found
+
+
+# -- runs and numbers -------------------------------------------------------------------------
+
+
+def _failures(label: str, runs: Sequence["Run"], told: Told) -> list[Finding]:
+    failed = [run for run in runs if not run.ended]
+    if not failed:
+        return []
+    said = next((run.message for run in failed if run.message), "")
+    lacks = ", ".join(dict.fromkeys(name for run in failed for name in run.lacks[:3]))
+    sizes = ", ".join(f"{run.size:g}" for run in failed)
+    because = f"the code says “{said}”" if said else f"no number for {lacks} in the last row"
+    name = "h" if told.steps else "tolerance"
+    return [Finding("failure", label, f"no result at {name} = {sizes}: {because}")]
+
+
+def _numbers(evidence: Evidence, label: str) -> Iterator[Finding]:
+    worst = max((evidence.resolution[part] for part in PARTS if evidence.has[part]), default=0.0)
+    if evidence.single:
+        yield Finding("single precision", label, "every number of the state is one of single "
+                      "precision: compute and print in double precision")  # fmt: skip
+    elif worst > 1e-13:
+        yield Finding("printing", label, f"printed to {worst:.0e} of their size: errors below are "
+                      "not judged; print 17 digits", False, {"resolution": worst})  # fmt: skip
+
+
+def _clock(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """T off whole steps, by a sum in single precision."""
+    t = np.concatenate([run.t[run.t > evidence.t0] for run in evidence.runs])
+    steps = [((run.t - evidence.t0) / run.size, run.size) for run in evidence.runs]
+    off = max(float(np.abs(of - np.round(of)).max() * size) for of, size in steps)
+    in_float = np.all(t == t.astype(np.float32)) and not np.all(np.abs(t - np.round(t, 6)) < 1e-13)
+    if in_float and off > 1e-9 * evidence.end:
+        yield Finding("clock", label, f"t is {off:.1e} s off whole steps and a number of single "
+                      "precision: take t = k h in double", True, {"off": off})  # fmt: skip
+
+
+def _unstable(evidence: Evidence, label: str) -> Iterator[Finding]:
+    if not evidence.has["u"]:
+        return
+    u, h = evidence.last("u"), evidence.h
+    worst = max(float(u.max()), float(evidence.last("v").max()) if evidence.has["v"] else 0.0)
+    stopped = [size for size in evidence.stopped if size < h[int(u.argmax())]]
+    lost = bool(evidence.stopped) and worst > _WRECKED and min(evidence.stopped) < h[-1]
+    grows = u.max() > _WRECKED and (bool(stopped) or (len(u) > 1 and u[-1] > 1 and u[-1] > u[0]))
+    if lost or grows:
+        smaller = (f"runs of h = {max(stopped):g} and less do not arrive" if stopped
+                   else f"at the smallest h it is {u[-1]:.1g}")  # fmt: skip
+        yield Finding(
+            "unstable", label,
+            f"u is {u.max():.1g} times its size off at h = {h[int(u.argmax())]:g}, and {smaller}: "
+            "the method is unstable for constrained motion, as with a γ that does not go with β "
+            "(β ≥ (γ + ½)²/4, γ ≥ ½; generalized-α: γ = ½ − α_m + α_f)", True,
+            {"error": float(u.max())},
+        )  # fmt: skip
+
+
+def _beyond_tolerance(evidence: Evidence, label: str) -> list[Finding]:
+    tolerance, found = float(evidence.h[-1]), []
+    for part in PARTS:
+        if evidence.has[part]:
+            off = float(evidence.last(part)[-1])
+            if off > _TOLERANCES * tolerance and off > 10 * evidence.floor(part)[-1]:
+                found.append(Finding(
+                    "seen", label,
+                    f"{SYMBOLS[part]} is {off:.2g} off at tolerance {tolerance:g}: "
+                    f"{off / tolerance:.2g} tolerances", True, {"error": off},
+                ))  # fmt: skip
+    return found
+
+
+# -- start and time ---------------------------------------------------------------------------
+
+
+def _start(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Rows at t = 0 that are not the problem's start; without such rows nothing is said."""
+    problem, t0 = evidence.problem, evidence.t0
+    for k, run in enumerate(evidence.runs):
+        at = np.flatnonzero(np.abs(run.t - t0) < 1e-11)
+        for part in ("u", "v"):
+            if not len(at) or not evidence.has[part] or (part == "v" and evidence.told.corrected):
+                continue
+            off = np.abs(evidence.error(part, k)[at[0]])
+            allowed = 1e-6 if evidence.single else 3 * evidence.resolution[part] + 1e-9
+            if not (np.isfinite(off).all() and off.max() > allowed):
+                continue
+            place = int(np.flatnonzero(evidence.known[part])[off.argmax()])
+            name = f"{part}[{problem.coordinate_names[place]}]"
+            phi, rate = (
+                float(np.abs(evidence.misfit(k, of_v)[at[0]]).max(initial=0.0))
+                if evidence.whole["u"] and (evidence.whole["v"] or not of_v)
+                else 0.0
+                for of_v in (False, True)
+            )
+            said = f"the row of t = 0 has {name} off by {off.max():.2g} of the largest {part}"
+            numbers = {"coordinate": name, "off": float(off.max()), "misfit": phi, "rate": rate}
+            if max(phi, rate) > max(1e-9, allowed):
+                yield Finding("start", label, f"{said}; it misses Φ by {phi:.1g} and Φ′ by "
+                              f"{rate:.1g}: no motion begins there", True, numbers)  # fmt: skip
+            elif _begins(evidence, at[0], k):
+                yield Finding("start", label, f"{said}; the motion from there is what the code "
+                              "computes", True, numbers)  # fmt: skip
+            else:
+                yield Finding("seen", label, f"{said}, which does not explain the rows that "
+                              "follow", True, numbers)  # fmt: skip
+            return
+
+
+def _begins(evidence: Evidence, row: int, k: int) -> bool:
+    """Whether the motion from a row of t = 0 is what the smallest step size converges to."""
+    if not (evidence.whole["u"] and evidence.whole["v"]):
+        return True
+    run, first = evidence.runs[-1], evidence.runs[k]
+    try:
+        truth = Truth(evidence.problem, float(run.t[-1]),
+                      u0=first.state["u"][row], v0=first.state["v"][row])  # fmt: skip
+    except NoMotion:
+        return False
+    there = truth.at(run.t[-1:])
+    left = max(
+        float(np.abs(evidence.of(part, run.state[part][-1] - there[part][0])).max())
+        - 3 * evidence.bound(part)
+        for part in ("u", "v")
+    )
+    return bool(left < 0.05 * max(evidence.last("u")[-1], evidence.last("v")[-1]))
+
+
+def _late(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """U and v, or λ, of another time t + c h, at three step sizes and all of their rows."""
+    if len(evidence.runs) < 3:
+        return
+    for parts in (("u", "v"), ("u",), ("v",), ("lambda",)):
+        if not all(evidence.has[part] for part in parts):
+            continue
+        for c in _SHIFTS:
+            left = [_left_at(evidence, parts, c, k) for k in range(-3, 0)]
+            if max(left) > 2 * _LEFT or left[-1] > _LEFT:
+                continue
+            yield _of_time(evidence, label, parts, c, left[-1])
+            return
+
+
+def _left_at(evidence: Evidence, parts: Sequence[str], c: float, k: int) -> float:
+    """Part of the error of a run that is left against the solution at t + c h."""
+    run, reference = evidence.runs[k], evidence.reference[k]
+    rows = np.flatnonzero((run.t > evidence.t0 + 0.5 * run.size)
+                          & (run.t + c * run.size >= evidence.t0 - 1e-12))  # fmt: skip
+    if parts == ("lambda",):
+        rows = rows[evidence.settled(run)[rows]]
+    if not len(rows):
+        return math.inf
+    there, left = evidence.truth.at(run.t[rows] + c * run.size), 0.0
+    for part in parts:
+        here = run.state[part][rows]
+        off = float(np.abs(evidence.of(part, here - there[part])).max())
+        now = float(np.abs(evidence.of(part, here - reference[part][rows])).max())
+        left = max(left, off / max(now, 1e-300))
+    return left
+
+
+def _of_time(
+    evidence: Evidence, label: str, parts: Sequence[str], c: float, left: float
+) -> Finding:
+    sign, size = "−" if c < 0 else "+", "½" if abs(c) == 0.5 else "1"
+    said = f"{' and '.join(SYMBOLS[part] for part in parts)} {'are' if len(parts) > 1 else 'is'} "
+    said += f"of t {sign} {size} h"
+    numbers = {"parts": [*parts], "shift": c, "left": left}
+    rest = np.abs(evidence.problem.v0).max(initial=0.0) < 1e-6 * evidence.scale["v"]
+    if "u" in parts and abs(c) == 0.5 and rest:
+        return Finding("seen", label, f"{said}: from rest, a first step that lacks ½ h a(0) does "
+                       "the same", True, numbers)  # fmt: skip
+    text = f"{said}, at every h and row: against the solution at that time {left:.1%} is left of it"
+    orders = [evidence.order(part) for part in ("u", "v") if part not in parts]
+    told = evidence.told
+    first = parts == ("lambda",) and (
+        0 < told.order < 2 or any(order < 1.5 and scatter < 0.5 for order, scatter in orders)
+    )
+    midpoint = parts == ("lambda",) and abs(c) == 0.5
+    if first:
+        text += ", as methods of order 1 have it"
+    elif midpoint:
+        text += ", as methods have it that take λ in the middle of the step"
+    return Finding("late", label, text, not (first or midpoint), numbers)
+
+
+def _mixed(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """One run that does not lie on the line of all others."""
+    if len(evidence.runs) < 5:
+        return
+    for part in ("u", "v"):
+        if not evidence.has[part] or (evidence.last(part) < 10 * evidence.floor(part)).any():
+            continue
+        x, y = np.log(evidence.h), np.log(evidence.last(part))
+        for k in range(len(x)):
+            rest = np.arange(len(x)) != k
+            fit = np.polyfit(x[rest], y[rest], 1)
+            above = float(y[k] - np.polyval(fit, x[k]))
+            straight = np.abs(np.polyval(fit, x[rest]) - y[rest]).max() < 0.25
+            if 0.7 < fit[0] < 6 and straight and above > 2.3:
+                yield Finding(
+                    "mixed", label,
+                    f"{SYMBOLS[part]} at h = {evidence.h[k]:g} is {math.exp(above):.2g} times what "
+                    "all other step sizes say: that run is of other settings", True,
+                    {"h": float(evidence.h[k]), "factor": math.exp(above)},
+                )  # fmt: skip
+                return
+
+
+# -- another mechanism, factors of λ ----------------------------------------------------------
+
+
+def _mechanism(
+    evidence: Evidence, label: str, file: MechanismFile | None, alternates: bool
+) -> Iterator[Finding]:
+    """The one number of the file that explains u, v and λ, proved by a new solution."""
+    wanted = Wanted(evidence, ("lambda",) if alternates else ())
+    fits = wanted.search(file)
+    good, seen = explained_by(fits), wanted.seen()
+    numbers = {fit.candidate.name: fit.change for fit in (good or fits)[:_NAMED]}
+    if not good:
+        what = "no single number of the mechanism explains it" if file else (
+            "a number of the problem differs")  # fmt: skip
+        yield Finding("seen", label, f"{seen}; {what}", True, {"tried": numbers})
+        return
+    names = " or ".join(fit.candidate.said(fit.change) for fit in good[:_NAMED])
+    told = " and ".join(SYMBOLS[part] for part in wanted.parts)
+    if len(good) == 1:
+        says = f"this alone explains {told} at all rows"
+    else:
+        lacks = "rows at another time" if "lambda" in wanted.parts else "λ, or rows at another time"
+        says = f"each explains {told}, and the table cannot tell them apart; {lacks} would"
+    yield Finding("another mechanism", label, f"{seen}; {names}: {says}", True,
+                  {"changes": numbers})  # fmt: skip
+
+
+def _factor(evidence: Evidence, label: str, file: MechanismFile | None) -> Iterator[Finding]:
+    """λ over what u and v imply: one number, or one times a power of h, at all h and t.
+
+    One row says nothing of a λ that may alternate, and rows of one time are also explained by
+    masses and forces that do not show in u and v.
+    """
+    hits = levels.factors(evidence)
+    if not hits:
+        return
+    said = ", ".join(f"{name}: {c:.5g}{f' h^{power}' if power else ''}" for name, c, power in hits)
+    numbers = {"factors": {name: c for name, c, _ in hits}, "powers": [x[2] for x in hits]}
+    problem, told = evidence.problem, evidence.told
+    alike = len(hits) == problem.m and len({(f"{c:.3g}", power) for _, c, power in hits}) == 1
+    pairs = all((np.abs(np.diff(run.t) - run.size) < 1e-6 * run.size).any()
+                for run in evidence.runs[-3:])  # fmt: skip
+    if not pairs and not told.damped and not (alike and problem.m > 1):
+        yield Finding(
+            "seen", label,
+            f"λ is a constant times what u and v imply at the end ({said}): a factor, or λ "
+            "alternates; rows of the last three steps would tell", told.integrator is None, numbers,
+        )  # fmt: skip
+        return
+    times = np.concatenate([run.t[evidence.settled(run)] for run in evidence.runs[-3:]])
+    powers = any(power for _, _, power in hits)
+    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not powers:
+        other = [one for one in _mechanism(evidence, label, file, False) if one.name != "seen"]
+        if other:
+            yield from other
+            return
+    why = next(filter(None, (levels.reason(evidence, *hit) for hit in hits)), "")
+    why = why or "another Φ, unit or scaling of λ"
+    also = (
+        ", or every mass and force is that many times the mechanism's"
+        if alike and not powers
+        else ""
+    )
+    yield Finding(
+        "factor of λ", label,
+        f"λ is a constant times what u and v imply, at all h and t ({said}): {why}{also}",
+        True, numbers,
+    )  # fmt: skip
+
+
+# -- what is seen -----------------------------------------------------------------------------
+
+
+def _lambda_stops(evidence: Evidence, label: str) -> Iterator[Finding]:
+    if not evidence.has["lambda"] or len(evidence.runs) < 3 or evidence.told.integrator is None:
+        return
+    values = evidence.last("lambda")
+    ours = evidence.marched[-1].errors.get("lambda", math.inf)
+    sound = max(ours, float(evidence.floor("lambda")[-1]))
+    if (
+        values[-1] > 30 * sound
+        and values[-1] > 0.5 * values[-2:].max() > 0
+        and (values[-1] > 0.5 * values[-3])
+    ):
+        how = "grows to" if values[-1] > 3 * values.min() else "stops falling at"
+        yield Finding(
+            "seen", label, f"λ {how} {values[-1]:.2g} (h = {evidence.h[-1]:g}), where a sound code "
+            f"leaves {sound:.1g}", True, {"error": float(values[-1])},
+        )  # fmt: skip
+
+
+def _low_order(evidence: Evidence, label: str) -> Iterator[Finding]:
+    wanted = evidence.told.order
+    for part in ("u", "v"):
+        order, scatter = evidence.order(part)
+        if wanted and scatter < 0.3 and order < wanted - 0.35:
+            yield Finding(
+                "seen", label, f"{SYMBOLS[part]} has order {order:.2f}, where the method has "
+                f"{wanted}", True, {"order": order},
+            )  # fmt: skip
+            return
+
+
+def _out_of_reach(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Newton's iterations that become many at small h."""
+    counts = [run.numbers.get("iterations", np.zeros(1)) for run in evidence.runs]
+    counts = [of[of > 0] for of in counts]
+    if len(counts) < 2 or not all(map(len, counts)):
+        return
+    usual = float(np.median(counts[0]))
+    shares = np.array([np.mean(of >= max(_MANY, 2 * usual)) for of in counts])
+    if shares[0] == 0 and shares[-1] > _OFTEN:
+        most = max(float(of.max()) for of in counts)
+        sizes = ", ".join(f"{h:g}" for h in evidence.h[shares > _OFTEN])
+        yield Finding(
+            "tolerance out of reach", label,
+            f"Newton takes up to {most:g} iterations at h = {sizes} and {usual:g} at h = "
+            f"{evidence.h[0]:g}: its tolerance cannot be met there, as corrections of λ end where "
+            "rounding leaves them; test λ times h², or stop where corrections grow",
+            True, {"iterations": most, "usual": usual},
+        )  # fmt: skip
+
+
+def _tangent(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Corrections that fall linearly: the ratio of a quadratic fall counts as 0."""
+    ratios = []
+    for run in evidence.runs:
+        for row in run.corrections:
+            sizes = row[np.isfinite(row) & (row > 1e-13 * evidence.scale["u"])]
+            if len(sizes) > 2:
+                *_, before, last = sizes[1:] / sizes[:-1]
+                ratios.append(float(last) if before**1.5 < last < 1 else 0.0)
+    if len(ratios) > 2 and np.median(ratios) > 0:
+        yield Finding(
+            "linear convergence", label,
+            f"each correction is about {max(ratios):.2g} of the one before: the tangent lacks "
+            "terms, such as the geometric stiffness ∂(Gλ)/∂u, or is not renewed; results are "
+            "right, but cost more iterations", True, {"ratio": max(ratios)},
+        )  # fmt: skip

@@ -1,0 +1,325 @@
+"""Which one number of a mechanism explains another motion: found by solving it anew.
+
+The number is fitted to the rows of the smallest step size and named only if it alone explains u,
+v and λ at all of them, within what truncation leaves.
+"""
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from newmark_cli.codes.evidence import PARTS, SYMBOLS, Evidence
+from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
+from newmark_cli.mechanisms import loading
+from newmark_cli.problems.problem import Problem
+from newmark_cli.support import documents
+from newmark_cli.support.arrays import Array
+from newmark_cli.support.documents import Document
+from newmark_cli.support.errors import InputError
+
+#: Keys of a mechanism file under which numbers are geometry: Φ tells of them.
+_GEOMETRY = {"at", "velocity", "fixed", "length", "through", "direction", "position", "axes",
+             "axis", "dimensions", "angular_velocity", "rates", "sliders", "joints", "body_points",
+             "bars", "motions", "title"}  # fmt: skip
+#: Vectors that change as a whole.
+_WHOLE = ("gravity",)
+#: Keys of which all of a mechanism may be wrong alike.
+_ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
+#: Numbers that files have positive only, and the share of one that is left out.
+_POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
+#: Shares by which a number is scanned where the error is large: left out and turned come first.
+_SCAN = (-0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0, 3.0, 11.0)
+#: What an explanation may leave, over what truncation does; relative to all, in the mean.
+_EXPLAINS, _IN_THE_MEAN = 3.0, 0.2
+
+Path = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class MechanismFile:
+    """A mechanism as its file has it, and how a problem is made of such a document."""
+
+    document: Mapping[str, Any]
+    make: Callable[[Mapping[str, Any]], Problem]
+
+    def numbers(self) -> Iterator[Path]:
+        """Paths of the numbers that are no geometry."""
+        yield from _numbers(self.document, ())
+
+    def changed(self, paths: Sequence[Path], change: Callable[[Any], Any]) -> Problem:
+        """The problem with other values at some paths."""
+        document = copy.deepcopy(dict(self.document))
+        for *way, last in paths:
+            there: Any = document
+            for key in way:
+                there = there[key]
+            there[last] = change(there.get(last) if isinstance(there, dict) else there[last])
+        return self.make(document)
+
+
+def file_of(problem: Problem, given: Any = None) -> MechanismFile | None:
+    """The file that a problem was made of; None where there is none, or where it has code.
+
+    Args:
+        problem: The problem.
+        given: What described it: a mapping, if there is no file.
+    """
+    texts = [text for name, text in problem.sources.items() if name.endswith((".yaml", ".yml"))]
+    if isinstance(given, Mapping):
+        document: Any = dict(given)
+    elif len(texts) == 1:
+        document = documents.parse(texts[0].decode(), problem.name).data
+    else:
+        return None
+    if not loading.is_mechanism(document) or loading.has_code(document):
+        return None
+    return MechanismFile(
+        document, lambda other: loading.built(problem.name, Document.of("mechanism", other))
+    )
+
+
+def _numbers(value: Any, path: Path) -> Iterator[Path]:
+    items: Any = ()
+    if isinstance(value, Mapping):
+        items = value.items()
+    elif isinstance(value, list | tuple):
+        items = enumerate(value)
+    for key, item in items:
+        if key in _GEOMETRY:
+            continue
+        if key in _WHOLE or (key == "inertia" and isinstance(item, list | tuple)):
+            yield (*path, key)
+        if key in _WHOLE:
+            continue
+        if isinstance(item, int | float) and not isinstance(item, bool):
+            if item:
+                yield (*path, key)
+        else:
+            yield from _numbers(item, (*path, key))
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One number that may be another one.
+
+    Attributes:
+        name: What it is called.
+        of: Its change, and a tolerance → the motion.
+        said: Its change → what it is then.
+        starts: Changes that are tried first, such as −1, where it is left out.
+    """
+
+    name: str
+    of: Callable[[float, float], Truth]
+    said: Callable[[float], str]
+    starts: Sequence[float] = ()
+
+
+def candidates(evidence: Evidence, file: MechanismFile | None) -> Iterator[Candidate]:
+    """What may have been changed, the numbers of the file first."""
+    problem, end = evidence.problem, evidence.end
+    if file is not None:
+        yield from _of_file(evidence, file)
+    size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
+    yield Candidate(
+        "a drag −c v",
+        lambda c, tol: Truth(problem, end, force=lambda t, u, v: -c * size * v, tolerance=tol),
+        lambda c: f"a drag −c v, c = {c * size:.3g}",
+    )
+    if problem.m:
+        yield Candidate(
+            "κ of Gᵀa + κ = 0 (centrifugal terms)",
+            lambda c, tol: Truth(problem, end, curvature=1 + c, tolerance=tol),
+            _share("κ of Gᵀa + κ = 0 (centrifugal terms)"), (-1.0, -2.0),
+        )  # fmt: skip
+    if not evidence.starts:
+        yield Candidate(
+            "the start's velocities",
+            lambda c, tol: Truth(problem, end, v0=problem.v0 * (1 + c), tolerance=tol),
+            lambda c: f"the start's velocities × {1 + c:.5g}", (-1.0,),
+        )  # fmt: skip
+
+
+def _of_file(evidence: Evidence, file: MechanismFile) -> Iterator[Candidate]:
+    """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
+
+    def moved(
+        paths: Sequence[Path], change: Callable[[Any, float], Any], c: float, tolerance: float
+    ) -> Truth:
+        # The start is that of the right mechanism: a table may say otherwise in its first row.
+        right, end = evidence.problem, evidence.end
+        if c < -1 and paths[0][-1] in _POSITIVE:
+            less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
+            return Truth(right, end, force=_of_number(right, less, c), tolerance=tolerance)
+        other = file.changed(paths, lambda value: change(value, c))
+        return Truth(other, end, u0=right.u0, v0=right.v0, tolerance=tolerance)
+
+    alike: dict[str, list[Path]] = {}
+    for path in file.numbers():
+        name, key = _name(path), str(path[-1])
+        alike.setdefault(key, []).append(path)
+        inert = "mass" in path or "inertia" in path
+        yield Candidate(
+            name, partial(moved, [path], _times), _share(name), () if inert else (-1.0, -2.0)
+        )
+        if key == "frequency":
+            phase = (*path[:-1], "phase")
+            said = partial("{} + {:.5g} rad".format, _name(phase))
+            yield Candidate(_name(phase), partial(moved, [phase], _plus), said,
+                            (math.pi / 2, math.pi))  # fmt: skip
+    for key in _ALIKE:
+        if len(paths := alike.get(key, [])) > 1:
+            name = f"every {key}"
+            starts = (-1.0,) if key == "damping" else ()
+            yield Candidate(name, partial(moved, paths, _times), _share(name), starts)
+
+
+def _of_number(problem: Problem, less: Problem, c: float) -> Force:
+    """The force of a number that no file may turn, times c: of a law with the wrong sign."""
+    none = np.zeros(problem.m)
+    return lambda t, u, v: np.asarray(
+        c * (problem.values(float(t), u, v, none).force - less.values(float(t), u, v, none).force)
+    )
+
+
+def _name(path: Path) -> str:
+    return ".".join(map(str, path))
+
+
+def _plus(value: Any, c: float) -> Any:
+    return (value or 0.0) + c
+
+
+def _times(value: Any, c: float) -> Any:
+    """A number, or each of a list, times 1 + c."""
+    if isinstance(value, list | tuple):
+        return [item * (1 + c) for item in value]
+    return value * (1 + c)
+
+
+def _share(name: str) -> Callable[[float], str]:
+    return lambda c: (
+        f"{name} left out" if abs(c + 1) < 1e-3
+        else f"{name} with its sign turned" if abs(c + 2) < 1e-3
+        else f"{name} × {1 + c:.5g}"
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What a candidate leaves."""
+
+    worst: float  #: largest, over what truncation may leave
+    mean: float  #: part of the whole error
+    change: float
+    candidate: Candidate
+
+
+class Wanted:
+    """What the smallest step size is off by, weighted by what truncation may leave."""
+
+    def __init__(self, evidence: Evidence, without: Sequence[str] = ()) -> None:
+        run, k = evidence.runs[-1], len(evidence.runs) - 1
+        rows = evidence.looked_at(run)
+        rows = rows[evidence.settled(run)[rows]] if evidence.settled(run)[rows].any() else rows
+        self.evidence, self.rows, self.times = evidence, rows, run.t[rows]
+        self.unsure = {x: 2 * evidence.bound(x) for x in PARTS if evidence.has[x]}
+        self.parts = [
+            x for x in PARTS
+            if evidence.has[x] and x not in without
+            and (x != "lambda" or self.unsure[x] < max(1e-3, 0.6 * evidence.last(x)[-1]))
+        ]  # fmt: skip
+        self.off = {x: evidence.error(x, k)[rows] for x in self.parts}
+        self.largest = max(float(np.abs(x).max()) for x in self.off.values())
+        self.weight = {
+            x: 1 / max(self.unsure[x], 2e-3 * float(np.abs(self.off[x]).max()), 1e-15)
+            for x in self.parts
+        }
+        self.all = self._stacked(self.off)
+        self.size = float(np.linalg.norm(self.all))
+        self.tolerance = float(np.clip(1e-4 * self.largest, EXACT, 1e-8))
+        self._from = self._values(Truth(evidence.problem, evidence.end, tolerance=self.tolerance))
+
+    def _stacked(self, of: Mapping[str, Array]) -> Array:
+        return np.concatenate([(of[x] * self.weight[x]).ravel() for x in self.parts])
+
+    def _values(self, truth: Truth) -> Array:
+        there = truth.at(self.times)
+        return self._stacked({x: self.evidence.of(x, there[x]) for x in self.parts})
+
+    def moved(self, candidate: Candidate, c: float) -> Array:
+        """By how much a change moves all rows; huge if no mechanism can have it."""
+        try:
+            moved = self._values(candidate.of(c, self.tolerance)) - self._from
+        except (ArithmeticError, InputError, np.linalg.LinAlgError, NoMotion):
+            return np.full_like(self.all, 1e9)
+        return np.where(np.isfinite(moved), moved, 1e9)
+
+    def fitted(self, candidate: Candidate, near: float) -> Fit:
+        """A change by Gauss and Newton, with secants; given up early where it leads away."""
+        c, delta = near, 1e-3
+        here = self.moved(candidate, c) if c else np.zeros_like(self.all)
+        best = Fit(*self._left(here), c, candidate)
+        for step in range(12):
+            there = self.moved(candidate, c + delta)
+            slope = (there - here) / delta
+            if not slope.any() or np.abs(there).max() >= 1e9:
+                break
+            if step or near:
+                c, here = c + delta, there
+                if (fit := Fit(*self._left(here), c, candidate)).mean < best.mean:
+                    best = fit
+                elif step > 2:
+                    break
+            left = self.all - here
+            delta = float(slope @ left / (slope @ slope))
+            gained = float(np.linalg.norm(left - delta * slope))
+            if step == 0 and gained > 0.9 * self.size and abs(delta) < 0.05:
+                break  # a small change, for which the slope tells all
+            if step > 2 and best.mean > 0.5:
+                break
+            delta = float(np.clip(delta, -0.4, 0.4))
+            if abs(delta) < 1e-6 * max(1e-3, abs(c)):
+                break
+        return best
+
+    def _left(self, moved: Array) -> tuple[float, float]:
+        left = self.all - moved
+        return float(np.abs(left).max()), float(np.linalg.norm(left)) / max(self.size, 1e-300)
+
+    def search(self, file: MechanismFile | None) -> list[Fit]:
+        """What each candidate leaves, the best first."""
+        fits: list[Fit] = []
+        every = list(candidates(self.evidence, file))
+        for far in (False, True) if self.largest > 0.02 else (False,):
+            for candidate in every:
+                starts = _SCAN if far else candidate.starts
+                near, least = 0.0, (0.6 if far else 0.3)
+                for c in starts if self.largest > 1e-4 else ():
+                    if (left := self._left(self.moved(candidate, c))[1]) < least:
+                        near, least = c, left
+                if near or not far:
+                    fits.append(self.fitted(candidate, near))
+            if min(fit.worst for fit in fits) < _EXPLAINS:
+                break
+        return sorted(fits, key=lambda fit: fit.worst)
+
+    def seen(self) -> str:
+        """That it converges elsewhere, in numbers."""
+        points = ", ".join(
+            f"{SYMBOLS[x]} by {self.evidence.last(x)[-1]:.2g} ({self.unsure[x] / 2:.1g})"
+            for x in self.parts
+        )
+        return (f"the runs converge to another solution: the smallest h is off in {points}; "
+                "in parentheses is what truncation may leave")  # fmt: skip
+
+
+def explained_by(fits: Sequence[Fit]) -> list[Fit]:
+    """Those that explain all, if any; one of several that are much better stands alone."""
+    good = [fit for fit in fits if fit.worst < _EXPLAINS and fit.mean < _IN_THE_MEAN]
+    return [fit for fit in good if fit.worst < 4 * good[0].worst + 0.3]

@@ -1,0 +1,246 @@
+"""Causes that Φ and λ tell: lengths, drift, Newton's iteration, factors of λ."""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from newmark_cli.codes.evidence import PARTS, SYMBOLS, Evidence, Finding
+from newmark_cli.support.arrays import Array
+
+#: Misfits of Φ that single precision leaves.
+_SINGLE = (5e-9, 1e-6)
+#: Last rows at which an alternation is looked for, and a factor.
+_LAST, _OF_FACTOR = 20, 8
+#: What a damped alternation may have left at the end of a run that is looked at.
+_FADED = 1e-3
+#: Powers of h that a factor of λ may have.
+_POWERS = (0, 1, 2, -2, -1)
+
+
+def length(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Φ of one constraint missed by the same amount at every h and t."""
+    problem, runs = evidence.problem, evidence.runs
+    if len(runs) < 2 or not problem.m or not evidence.whole["u"]:
+        return
+    later = [evidence.misfit(k)[run.t > evidence.t0 + 0.5 * evidence.step_of(run)]
+             for k, run in enumerate(runs)]  # fmt: skip
+    every = np.concatenate(later[-3:])
+    mean, spread = every.mean(axis=0), np.ptp(every, axis=0)
+    hit = np.abs(mean) > np.maximum(10 * spread, 30 * evidence.resolution["u"] + 1e-11)
+    if not hit.any():
+        return
+    k = int(np.argmax(np.where(hit, np.abs(mean), 0.0)))
+    missed = float(mean[k] * evidence.scale["u"])
+    said = f"Φ of {evidence.constraints(hit)} is missed by {missed:.3g} m at every h"
+    # A penalty misses all of them, and by what λ is at that time.
+    exact = bool((np.abs(every).max(axis=0) < 1e-3 * np.abs(mean).max()).any())
+    if np.ptp(runs[-1].t) < 0.3 * (evidence.end - evidence.t0) and not exact:
+        yield Finding(
+            "seen", label,
+            f"{said}: a length or place of the constraint differs, or a penalty holds it; rows at "
+            "another time would tell", True, {"misfit": missed, "length": True},
+        )  # fmt: skip
+        return
+    also = ", and others are met" if exact else ""
+    yield Finding("length", label,
+                  f"{said} and t{also}: a length or place of the constraint differs",
+                  True, {"misfit": missed})  # fmt: skip
+
+
+def single(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Φ that is noise of the size of single precision."""
+    if not evidence.whole["u"] or not evidence.problem.m or evidence.resolution["u"] > 1e-9:
+        return
+    rows = [_after_start(evidence, k) for k in range(len(evidence.runs))]
+    worst = np.array([np.abs(of).max(initial=0.0) for of in rows])
+    every = np.concatenate([of[:, int(np.abs(of).max(axis=0).argmax())] for of in rows])
+    low, high = _SINGLE
+    both = (every > 0).any() and (every < 0).any()
+    held = _held(evidence, len(rows) - 1, float(worst[-1]))
+    if (
+        held is None
+        and len(rows) > 1
+        and (worst > low).all()
+        and (worst < high).all()
+        and worst[-1] > 0.2 * worst[0]
+        and both
+    ):
+        yield Finding(
+            "single precision", label,
+            f"Φ is noise of {worst[-1]:.1g} of the coordinates at every h, as rounding of single "
+            "precision leaves: something is computed in float", True, {"misfit": float(worst[-1])},
+        )  # fmt: skip
+
+
+def constraints(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Φ above rounding: held at another level, or by an iteration that ends early."""
+    told, last_u = evidence.told, evidence.last("u")
+    if not evidence.whole["u"] or not evidence.problem.m or last_u.max() > 1:
+        return
+    strict = told.formulation in ("index-3", "ggl", "augmented-lagrangian")
+    misfits = [_after_start(evidence, k) for k in range(len(evidence.runs))]
+    value = np.array([np.abs(of).max(initial=0.0) for of in misfits])
+    ours = np.array([one.misfit for one in evidence.marched]) * (1e3 if strict else 0.0)
+    floor = np.maximum(np.nan_to_num(ours), max(3 * evidence.resolution["u"], 2e-13))
+    above = np.flatnonzero(value > floor)
+    if not len(above):
+        return
+    k = int(above[0])
+    run, missed = evidence.runs[k], float(value[k])
+    seen, numbers = f"Φ is missed by {missed:.2g} at h = {run.size:g}", {"misfit": missed}
+    if held := _held(evidence, k, missed):
+        rate, level, formulation = held
+        hint = f"hold Φ as well (GGL, or a projection), or say that it is {formulation}"
+        end = hint if strict else f"as {formulation} has it"
+        yield Finding(
+            "drift", label,
+            f"{seen}, {rate} by rounding only: constraints are held at the level of {level}, so "
+            f"that positions drift; {end}", strict, numbers | {"level": formulation},
+        )  # fmt: skip
+        return
+    worse = [
+        SYMBOLS[part] for part in PARTS
+        if evidence.has[part] and part in (marched := evidence.marched[k]).errors
+        and evidence.last(part)[k] > 2 * max(marched.errors[part], evidence.floor(part)[k])
+    ]  # fmt: skip
+    worse = worse if told.integrator else []
+    matters = missed > 1e-2 * min(last_u[k], 1e-4) or bool(worse)
+    rows = np.abs(misfits[k]).max(axis=1)
+    steady = len(rows) > 3 and rows[:2].max() > 0.02 * rows[-3:].max()
+    if strict and steady and len(above) > 1:
+        more = f", and {', '.join(worse)} at the end are worse than the method's" if worse else ""
+        harmless = "" if matters else "; the results do not suffer"
+        yield Finding(
+            "Newton ends early", label,
+            f"{seen} already after the first steps, where an iteration to the end leaves rounding; "
+            f"neither Φ′ nor Φ″ is held instead{more}: the test of convergence is met too soon"
+            f"{harmless}; test ‖Δu‖ over ‖u‖ to 1e-12, or iterate until corrections grow",
+            matters, numbers,
+        )  # fmt: skip
+    else:
+        yield Finding(
+            "seen", label,
+            f"{seen}: more than rounding, as a tolerance of Newton's iteration, a penalty or "
+            "stabilisation leaves", strict and matters, numbers,
+        )  # fmt: skip
+
+
+def _after_start(evidence: Evidence, k: int) -> Array:
+    run = evidence.runs[k]
+    return evidence.misfit(k)[run.t > evidence.t0 + 0.5 * evidence.step_of(run)]
+
+
+def _held(evidence: Evidence, k: int, missed: float) -> tuple[str, str, str] | None:
+    """What is held in place of Φ: its symbol, level and formulation."""
+    run = evidence.runs[k]
+    later = run.t > evidence.t0
+    if not evidence.whole["v"]:
+        return None
+    rate = np.abs(evidence.misfit(k, rate=True)[later]).max(initial=0.0)
+    if rate < max(1e-2 * missed, 3 * evidence.resolution["v"], 2e-13):
+        return "Φ′", "velocities (index 2)", "index-2"
+    if not evidence.whole["lambda"]:
+        return None
+    off = (run.state["lambda"] - evidence.implied(k))[later] / evidence.scale["lambda"]
+    gap = np.abs(off[np.isfinite(off)]).max(initial=0.0)
+    if gap < max(1e-2 * missed, 10 * evidence.resolution["lambda"], 1e-10):
+        return "Φ″", "accelerations (index 1)", "index-1"
+    return None
+
+
+def alternation(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """λ less what u and v imply, of opposite signs in successive rows and no smaller with h."""
+    if not all(evidence.whole.values()):
+        return
+    damped, seen = evidence.told.damped, []
+    for k, run in enumerate(evidence.runs):
+        if damped and evidence.fades(run, float(run.t[-1])) > _FADED:
+            continue  # what the start left has not been damped yet
+        gaps = np.flatnonzero(np.abs(np.diff(run.t) - run.size) > 1e-6 * run.size)
+        first = int(gaps[-1]) + 1 if len(gaps) else int(run.t[0] < evidence.t0 + 1e-11)
+        first = max(first, len(run.t) - _LAST)
+        off = (run.state["lambda"][first:] - evidence.implied(k)[first:]) / evidence.scale["lambda"]
+        if len(off) > 2 and np.isfinite(off).all():
+            worst = off[:, int(np.abs(off).max(axis=0).argmax())]
+            largest = np.abs(worst).max()
+            steady = np.abs(np.diff(np.abs(worst))).max() < 0.5 * largest
+            if (worst[1:] * worst[:-1] < 0).all() and steady:
+                seen.append((run.size, float(largest)))
+    if len(seen) < max(2, len(evidence.runs) / 2) or seen[-1][1] < max(0.3 * seen[0][1], 1e-8):
+        return
+    text = (f"λ alternates from step to step by {seen[-1][1]:.2g} of its size at h = "
+            f"{seen[-1][0]:g}, and no smaller h helps: ")  # fmt: skip
+    if damped:
+        text += "a method of this name damps it"
+    else:
+        text += ("nothing damps it, as in the trapezoidal rule; take generalized-α, HHT or BDF2, "
+                 "project velocities, or average two steps")  # fmt: skip
+    yield Finding("seen" if damped else "alternation", label, text, damped,
+                  {"amplitude": seen[-1][1], "h": seen[-1][0]})  # fmt: skip
+
+
+def in_pairs(evidence: Evidence) -> bool:
+    """Whether the smaller step sizes have three successive rows, so that λ would alternate."""
+    return all(
+        (np.abs(np.diff(run.t)[-2:] - run.size) < 1e-6 * run.size).sum() > 1
+        for run in evidence.runs[-2:]
+    )
+
+
+def factors(evidence: Evidence) -> list[tuple[str, float, int]]:
+    """Constraint, factor and power of h where λ is that times what u and v imply, at all rows."""
+    if not all(evidence.whole.values()) or len(evidence.runs) < 2:
+        return []
+    values = []
+    for k, run in enumerate(evidence.runs):
+        rows = np.flatnonzero(evidence.settled(run))[-_OF_FACTOR:]
+        implied = evidence.implied(k)[rows]
+        with np.errstate(all="ignore"):
+            ratio = run.state["lambda"][rows] / implied
+        values.append(np.where(np.abs(implied) > 0.05 * evidence.scale["lambda"], ratio, np.nan))
+    hits: list[tuple[str, float, int]] = []
+    for (j, name), runs in itertools.product(enumerate(evidence.problem.constraint_names), (3, 2)):
+        of = [value[:, j] for value in values[-runs:]]
+        if any(np.isnan(x).all() for x in of) or name in [hit[0] for hit in hits]:
+            continue
+        c = np.array([np.nanmedian(x) for x in of])
+        if not c.all():
+            continue
+        spread = max(float(np.nanmax(x) - np.nanmin(x)) for x in of)
+        for power in _POWERS if runs > 2 else (0,):
+            scaled = c / evidence.h[-len(of) :] ** power
+            unsure = max(spread / np.abs(c).min(), float(np.ptp(scaled / scaled[-1])),
+                         float(evidence.floor("lambda")[-1]))  # fmt: skip
+            if unsure < 0.05 and (power or abs(scaled[-1] - 1) > 8 * unsure):
+                hits.append((name, float(scaled[-1]), power))
+                break
+    return hits
+
+
+#: Factor of λ, power of h → what usually gives it.
+_KNOWN = {
+    (0.5, 0): "Φ is twice as large, such as |Δ|² − L² in place of half of it",
+    (2.0, 0): "Φ is half as large",
+    (1e-3, 0): "λ is in kN",
+    (1.0, 1): "λ is an impulse, force times h",
+    (1.0, 2): "λ is scaled by h², and was not scaled back",
+    (0.25, 2): "λ is scaled by β h², and was not scaled back",
+    (1.0, -2): "λ is divided by h²",
+}
+
+
+def reason(evidence: Evidence, name: str, factor: float, power: int) -> str:
+    """What usually gives a factor of λ; empty where nothing known does."""
+    for (value, of_power), why in _KNOWN.items():
+        if power == of_power and abs(factor / value - 1) < 0.02:
+            return why
+    problem = evidence.problem
+    column = problem.constraint_names.index(name)
+    end = evidence.reference[-1]["u"][-1]
+    G = problem.evaluate(evidence.end, end, np.zeros(problem.n), np.zeros(problem.m)).G[:, column]
+    dimensions = 2 if problem.n % 3 else 3
+    ends = np.linalg.norm(G.reshape(-1, dimensions), axis=1) if problem.n % dimensions == 0 else G
+    if power == 0 and abs(factor / max(float(np.abs(ends).max()), 1e-300) - 1) < 0.02:
+        return "Φ is a length, |Δ| − L in place of ½(|Δ|² − L²)"
+    return ""

@@ -1,0 +1,208 @@
+"""Which change of a step explains errors of order 1, at all rows.
+
+To first order in h an integrator solves M a = f + G λ + h w: each change of a step has its push
+w(t), and its effect on the motion is that of a further force, or of another start.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from newmark_cli.codes.evidence import SYMBOLS, Evidence, Finding
+from newmark_cli.codes.truth import Truth
+from newmark_cli.support.arrays import Array
+
+#: An order that is 1, and how far local orders may scatter.
+_OFF, _SCATTER = 0.2, 0.35
+#: Times at which pushes are sampled; part of a motion over which they are differences.
+_GRID, _APART = 400, 1e-6
+#: What an explanation may leave of u and v, and where terms of higher order are large; others must
+#: leave more than so many times as much.
+_LEAVES, _MOST, _WORSE = 0.2, 0.35, 3.0
+
+_SAYS = {
+    "averaging":
+        "accelerations are averaged with weights that are off by {c:.3g} "
+        "(γ − ½ of Newmark, γ − ½ + α_m − α_f of generalized-α)",
+    "old force":
+        "f is that of t {sign} {size:.3g} h: forces are taken at the wrong end of the step",
+    "old force/velocities": "forces take the velocities of t {sign} {size:.3g} h",
+    "old force/positions": "forces take the positions of t {sign} {size:.3g} h",
+    "old force/time": "forces take the time t {sign} {size:.3g} h",
+    "old force/G": "G is that of the step before",
+    "old force/both": "f and G are those of the step before",
+    "a(0)":
+        "the first step lacks {c:.3g} h a(0): the integration does not begin from the a of "
+        "M a = f + G λ, Gᵀa + κ = 0; solve that system for a and λ at t = 0",
+    "backward Euler": "it is what backward Euler does",
+    "forward Euler": "it is what forward Euler does",
+}  # fmt: skip
+#: Changes with a number that is fitted, and its bounds; that of others is 1.
+_FREE = {
+    "averaging": (-3.0, 3.0), "a(0)": (0.05, 1.5), "old force": (-1.5, 2.5),
+    "old force/velocities": (-1.5, 2.5), "old force/positions": (-1.5, 2.5),
+    "old force/time": (-1.5, 2.5),
+}  # fmt: skip
+#: How near to 1 a fitted number is 1.
+_WHOLE = 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    name: str
+    left: float  #: part of u and v that it leaves
+    c: float
+
+    @property
+    def plain(self) -> bool:
+        """Whether it explains without a number that is fitted."""
+        return self.name not in ("averaging", "a(0)") and self.c == 1.0
+
+
+def first_order(evidence: Evidence, label: str) -> Iterator[Finding]:
+    """Errors like h, and the change of a step that explains them.
+
+    A fault only where the method that the caller names has a higher order.
+    """
+    told = evidence.told
+    if told.integrator is not None and told.order < 2:
+        return
+    orders = {part: evidence.order(part) for part in ("u", "v")}
+    low = {part: order for part, (order, scatter) in orders.items()
+           if abs(order - 1) < _OFF and scatter < _SCATTER}  # fmt: skip
+    if not low or any(order > 1.5 and scatter < _SCATTER for order, scatter in orders.values()):
+        return
+    fault = told.order > 1
+    said = " and ".join(f"{SYMBOLS[part]} has order {order:.2f}" for part, order in low.items())
+    tried = sorted(_tried(evidence), key=lambda x: (x.left > 0.05 or not x.plain, x.left))
+    seen = {one.name: {"leaves": one.left, "c": one.c} for one in tried[:4]}
+    good = [one for one in tried if one.left < _allowed(evidence)]
+    if good and all(x.left > _WORSE * good[0].left + 0.02 for x in tried if not _same(good[0], x)):
+        best = good[0]
+        sign = "−" if best.c > 0 else "+"
+        says = _SAYS[best.name].format(c=best.c, sign=sign, size=abs(best.c))
+        hint = "" if fault else "; if your method has order 2, this is what is wrong with it"
+        yield Finding(
+            best.name.partition("/")[0], label,
+            f"{said}: {says}; this explains all but {best.left:.1%} "
+            f"of u and v at all rows{hint}",
+            fault, {"orders": low, "tried": seen},
+        )  # fmt: skip
+        return
+    wanted = f", where the method has {told.order}" if fault else ""
+    hint = "" if fault else "; if your method has order 2, something of the step is wrong"
+    yield Finding(
+        "order 1" if fault else "seen", label,
+        f"{said}{wanted}; no change of a step that was tried explains it alone{hint}",
+        fault, {"orders": low, "tried": seen},
+    )  # fmt: skip
+
+
+def _allowed(evidence: Evidence) -> float:
+    """What terms of higher order leave of an explanation, from the two smallest step sizes."""
+    h, left = evidence.h, _LEAVES
+    for part in ("u", "v"):
+        if evidence.has[part]:
+            slopes = evidence.last(part)[-2:] / h[-2:]
+            higher = abs(slopes[0] / slopes[1] - 1) * h[-1] / (h[-2] - h[-1])
+            left = max(left, 1.5 * float(higher))
+    return min(left, _MOST)
+
+
+def _same(one: _Tried, other: _Tried) -> bool:
+    """Whether two are one change, where one of them has a free number or is part of the other."""
+    names = {one.name.partition("/")[0], other.name.partition("/")[0]}
+    return one is other or (one.name != "averaging" and names <= {"old force", "averaging"})
+
+
+def _pushes(evidence: Evidence, grid: Array) -> dict[str, Array]:
+    """Name → (k, n) force over h, at the times of a grid."""
+    problem, none = evidence.problem, np.zeros(evidence.problem.m)
+    way = evidence.truth.at(grid)
+    late = _APART * (evidence.end - evidence.t0)
+
+    def pure(t: float, u: Array, v: Array) -> Array:
+        return problem.values(float(t), u, v, none).force
+
+    rows = [*zip(grid, way["u"], way["v"], way["a"], strict=True)]
+    now = np.array([pure(t, u, v) for t, u, v, _ in rows])
+    of = {
+        "old force/velocities": [pure(t, u, v - late * a) for t, u, v, a in rows],
+        "old force/positions": [pure(t, u - late * v, v) for t, u, v, _ in rows],
+        "old force/time": [pure(max(t - late, evidence.t0), u, v) for t, u, v, _ in rows],
+    }
+    pushes = {name: (np.array(then) - now) / late for name, then in of.items()}
+    largest = max(float(np.abs(push).max()) for push in pushes.values())
+    pushes = {name: push for name, push in pushes.items() if np.abs(push).max() > 1e-6 * largest}
+    # Of one part alone the whole is the same.
+    whole = sum(pushes.values(), start=np.zeros_like(now))
+    if len(pushes) != 1:
+        pushes["old force"] = whole
+    else:
+        pushes = {"old force": whole}
+    gradients = np.array([problem.evaluate(float(t), u, v, none).G for t, u, v, _ in rows])
+    turning = np.gradient(gradients, grid, axis=0)
+    pushes["old force/G"] = -np.einsum("tnm,tm->tn", turning, way["lambda"])
+    pushes["old force/both"] = whole + pushes["old force/G"]
+    pushes["averaging"] = np.gradient(way["a"], grid, axis=0) @ problem.M
+    size = np.abs(pushes["averaging"]).max()
+    return {name: push for name, push in pushes.items() if np.abs(push).max() > 1e-9 * size}
+
+
+def _tried(evidence: Evidence) -> list[_Tried]:
+    """Each change with the part of u and v that it leaves."""
+    problem, run, h = evidence.problem, evidence.runs[-1], float(evidence.h[-1])
+    rows, k = evidence.looked_at(run), len(evidence.runs) - 1
+    parts = [part for part in ("u", "v") if evidence.has[part]]
+    off = {part: evidence.error(part, k)[rows] / h for part in parts}
+    there = {part: values[rows] for part, values in evidence.reference[k].items()}
+    small = 1e-3 * h
+    grid = np.linspace(evidence.t0, evidence.end, _GRID)
+
+    def effect(push: Array | None = None, v0: Array | None = None) -> dict[str, Array]:
+        def force(t: float, u: Array, v: Array) -> Array:
+            assert push is not None
+            place = (t - grid[0]) / (grid[1] - grid[0])
+            before = min(max(int(place), 0), len(grid) - 2)
+            share = place - before
+            return np.asarray(small * ((1 - share) * push[before] + share * push[before + 1]))
+
+        moved = Truth(
+            problem, evidence.end, force=None if push is None else force,
+            v0=None if v0 is None else problem.v0 + small * v0,
+        ).at(run.t[rows])  # fmt: skip
+        return {part: evidence.of(part, moved[part] - there[part]) / small for part in parts}
+
+    effects = {name: effect(push) for name, push in _pushes(evidence, grid).items()}
+    a0, _ = evidence.truth.solved(evidence.t0, problem.u0, problem.v0)
+    effects["a(0)"] = effect(v0=-_free(evidence, a0))
+    if "averaging" in effects:
+        backward = {}
+        for part in parts:
+            shift = 0.5 * evidence.of("v", there["a"]) if part == "v" else 0.0
+            backward[part] = effects["averaging"][part] - 0.5 * effects["a(0)"][part] - shift
+        effects["backward Euler"] = backward
+        effects["forward Euler"] = {part: -values for part, values in backward.items()}
+    sizes = {part: float(np.abs(off[part]).max()) or 1.0 for part in parts}
+    wanted = np.concatenate([(off[part] / sizes[part]).ravel() for part in parts])
+    tried = []
+    for name, of in effects.items():
+        slope = np.concatenate([(of[part] / sizes[part]).ravel() for part in parts])
+        low, high = _FREE.get(name, (1.0, 1.0))
+        c = float(slope @ wanted / max(slope @ slope, 1e-300)) if name in _FREE else 1.0
+        if name != "averaging" and abs(c - 1) < _WHOLE:
+            c = 1.0
+        if slope.any() and low <= c <= high:
+            tried.append(_Tried(name, float(np.abs(wanted - c * slope).max()), c))
+    return tried
+
+
+def _free(evidence: Evidence, a: Array) -> Array:
+    """The part of an acceleration at the start that the constraints allow."""
+    problem = evidence.problem
+    G = problem.evaluate(evidence.t0, problem.u0, problem.v0, np.zeros(problem.m)).G
+    matrix = np.block([[problem.M, -G], [G.T, np.zeros((problem.m, problem.m))]])
+    right = np.concatenate([problem.M @ a, np.zeros(problem.m)])
+    solution: Mapping[int, Array] | Array = np.linalg.lstsq(matrix, right, rcond=None)[0]
+    return np.asarray(solution)[: problem.n]

@@ -1,0 +1,73 @@
+"""Solutions of a problem at the times of runs, and what the runs are off by."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from newmark_cli.codes.reading import Run
+from newmark_cli.newmark.statistics import Measurement
+from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.reference import Reference, solution
+from newmark_cli.support.arrays import Array
+
+#: Times that differ by less, over their size, are the same.
+SAME_TIME = 1e-11
+#: Largest power of 1/h with which rounding of a quantity grows; 0 of others.
+_GROWTH = {"lambda": 2.0, "multiplier": 2.0, "force": 2.0, "moment": 2.0,
+           "v": 1.0, "velocity": 1.0, "omega": 1.0}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Solutions of a problem at the times of runs."""
+
+    problem: Problem
+    references: dict[float, Reference]
+    #: Time since the start (s) → solution, where one is given; computed otherwise.
+    given: Callable[[float], Reference] | None = None
+
+    def at(self, t: float) -> Reference:
+        """The solution at a time (s).
+
+        Raises:
+            NoReference: When there is none.
+        """
+        for known, reference in self.references.items():
+            if abs(known - t) <= SAME_TIME * max(1.0, abs(t)):
+                return reference
+        solve = self.given or partial(solution, self.problem)
+        self.references[t] = solve(t - self.problem.t0)
+        return self.references[t]
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One run with what it is off by.
+
+    Attributes:
+        run: The run.
+        errors: Measure, quantity → its value and what rounding changes in it.
+        ours: The same of a march of this tool's with the run's method and step size; empty
+            where none was affordable.
+    """
+
+    run: Run
+    errors: Mapping[tuple[str, str], Measurement]
+    ours: Mapping[tuple[str, str], Measurement]
+
+
+def roundings(measurements: Sequence[Measured], name: tuple[str, str]) -> Array:
+    """(runs,) rounding of a quantity, of runs by descending sizes.
+
+    Where none was measured it is that of the nearest larger step size, times a power of h.
+    """
+    rounding = np.array([m.errors[name].statistics.rounding for m in measurements])
+    sizes = np.array([m.run.size for m in measurements])
+    for place in np.flatnonzero(np.isnan(rounding)):
+        known = np.flatnonzero(np.isfinite(rounding[:place]))
+        if len(known):
+            ratio = sizes[known[-1]] / sizes[place]
+            rounding[place] = rounding[known[-1]] * ratio ** _GROWTH.get(name[1], 0.0)
+    return rounding

@@ -1,0 +1,106 @@
+"""The motion of a mechanism at any time, solved anew with what a wrong code may have changed.
+
+A table is explained by a change of the equations if the solution of the changed equations is what
+the table converges to.  Such solutions come from the index-1 system by a Runge–Kutta method of
+order 8, whose dense output serves any row.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
+
+#: Tolerance with which rows are compared, close to the least that rounding allows.
+EXACT = 3e-13
+#: Most evaluations of one solution: a wrong number may make a motion wild.
+_MOST = 40_000
+#: A step covers at most one part in so many of the motion.
+_STEPS = 40
+
+#: Time (s), u and v → a further force (n,).
+Force = Callable[[float, Array, Array], Array]
+
+
+class NoMotion(ArithmeticError):
+    """The changed mechanism has no motion that can be followed to the end."""
+
+
+class Truth:
+    """The solution of a problem, with another start or a further force.
+
+    Args:
+        problem: Whose equations are solved.
+        t_end: Last time (s) that will be asked for.
+        u0, v0: Another start (n,).
+        force: A further force.
+        curvature: Factor of κ in Gᵀa + κ = 0, which other codes may lack.
+        tolerance: Local tolerance, relative to the largest coordinate and velocity.
+
+    Raises:
+        NoMotion: When the motion does not get there.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        t_end: float,
+        *,
+        u0: Array | None = None,
+        v0: Array | None = None,
+        force: Force | None = None,
+        curvature: float = 1.0,
+        tolerance: float = EXACT,
+    ) -> None:
+        self.problem, self._force, self._curvature, self._left = problem, force, curvature, _MOST
+        u0, v0 = (problem.u0 if u0 is None else u0), (problem.v0 if v0 is None else v0)
+        start = np.concatenate([u0, v0])
+        with np.errstate(all="ignore"):
+            solved = solve_ivp(
+                self._rate, (problem.t0, t_end), start, "DOP853",
+                rtol=tolerance, atol=0.3 * tolerance * max(float(np.abs(start).max()), 1e-9),
+                max_step=(t_end - problem.t0) / _STEPS, dense_output=True,
+            )  # fmt: skip
+        if not solved.success:
+            raise NoMotion(str(solved.message))
+        assert solved.sol is not None  # since dense output was asked for
+        self._states = solved.sol
+
+    def _rate(self, t: float, y: Array) -> Array:
+        self._left -= 1
+        if self._left < 0 or not np.isfinite(y).all():
+            raise NoMotion("a motion that cannot be followed")
+        n = self.problem.n
+        return np.concatenate([y[n:], self.solved(t, y[:n], y[n:])[0]])
+
+    def solved(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
+        """Accelerations (n,) and λ (m,) of a state."""
+        problem, n, m = self.problem, self.problem.n, self.problem.m
+        values = problem.values(float(t), u, v, np.zeros(m))
+        force = values.force if self._force is None else values.force + self._force(t, u, v)
+        matrix = np.zeros((n + m, n + m))
+        matrix[:n, :n] = problem.M
+        rows, columns = problem.pattern.g_rows, n + problem.pattern.g_columns
+        np.add.at(matrix, (rows, columns), -values.g)
+        matrix[n:, :n] = -matrix[:n, n:].T
+        curvature = self._curvature * problem.constraint_derivatives(t, u, v)[1]
+        right = np.concatenate([force, -curvature])
+        try:
+            both = np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            both = np.linalg.lstsq(matrix, right, rcond=None)[0]
+        return both[:n], both[n:]
+
+    def at(self, times: Array) -> dict[str, Array]:
+        """Part → (k, size) values at times (k,) in s; "a" has the accelerations."""
+        n = self.problem.n
+        states = self._states(times).T if len(times) else np.zeros((0, 2 * n))
+        both = [self.solved(t, y[:n], y[n:]) for t, y in zip(times, states, strict=True)]
+        return {
+            "u": states[:, :n],
+            "v": states[:, n:],
+            "a": np.array([a for a, _ in both]).reshape(-1, n),
+            "lambda": np.array([forces for _, forces in both]).reshape(-1, self.problem.m),
+        }

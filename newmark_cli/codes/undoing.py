@@ -1,0 +1,155 @@
+"""Finds the units, signs and order in which another code writes its state, and undoes them.
+
+A change is undone only if one change fits the rows of small step sizes and what is given does not.
+λ is looked at only where u is right: of another motion it says nothing.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from newmark_cli.codes.truth import Truth
+from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array, IndexArray
+
+if TYPE_CHECKING:
+    from newmark_cli.codes.reading import Run
+
+#: Units of length and time that people use, over m and s.
+_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet"}
+#: Runs of the smallest step sizes that are compared, at so many rows after the first steps.
+_RUNS, _ROWS = 2, 8
+#: Part of the largest value from which on a component tells something; how well a factor fits.
+_TELLING, _FITS = 0.02, 0.05
+#: Error of u with which λ may be looked at.
+_RIGHT = 0.1
+_WORDS = {"u": "coordinates", "v": "velocities", "lambda": "multipliers", "output": "outputs"}
+
+
+@dataclass(frozen=True, eq=False)
+class Undone:
+    """A change of columns that a series has, with the change that undoes it."""
+
+    part: str
+    text: str
+    change: Callable[[Array], Array]  #: (rows, size) values → what the mechanism calls them
+
+
+def undone(
+    runs: Sequence["Run"], problem: Problem, truth: Truth
+) -> tuple[list["Run"], Mapping[str, list[str]]]:
+    """The runs in the mechanism's units, signs and order, and notes on what was undone.
+
+    Args:
+        runs: Runs of any series.
+        problem: What was solved.
+        truth: The solution, until after the last row.
+
+    Returns:
+        The runs, and label of a series → sentences.
+    """
+    notes: dict[str, list[str]] = {}
+    done = list(runs)
+    for series in dict.fromkeys(run.series for run in runs):
+        for part in ("u", "v", "lambda", "output"):
+            own = [run for run in done if run.series == series]
+            ended = [run for run in own if run.ended]
+            if not ended or not own[0].state.get(part, np.zeros((1, 0))).shape[1]:
+                continue
+            ended = ended[-_RUNS:]
+            rows = [_rows(run, problem.t0) for run in ended]
+            there = [
+                _values(truth, problem, run.t[at]) for run, at in zip(ended, rows, strict=True)
+            ]
+            if part in ("lambda", "output") and not _right(ended, there):
+                continue
+            mine = np.concatenate([
+                run.state[part][at] for run, at in zip(ended, rows, strict=True)
+            ])  # fmt: skip
+            ours = np.concatenate([values[part] for values in there])
+            for found in _changes(part, mine, ours, problem):
+                notes.setdefault(series, []).append(found.text)
+                done = [
+                    replace(run, state={**run.state, part: found.change(run.state[part])})
+                    if run.series == series else run
+                    for run in done
+                ]  # fmt: skip
+                break
+    return done, notes
+
+
+def _rows(run: "Run", t0: float) -> IndexArray:
+    rows = np.flatnonzero(run.t > t0 + 0.1 * (run.t[-1] - t0))
+    return np.asarray(rows[np.unique(np.round(np.linspace(0, len(rows) - 1, _ROWS)).astype(int))])
+
+
+def _values(truth: Truth, problem: Problem, times: Array) -> dict[str, Array]:
+    values = truth.at(times)
+    if problem.outputs is not None:
+        rows = zip(times, values["u"], values["v"], values["lambda"], strict=True)
+        values["output"] = np.array([
+            problem.outputs.values(problem, float(t), u, v, forces) for t, u, v, forces in rows
+        ])  # fmt: skip
+    return values
+
+
+def _right(runs: Sequence["Run"], there: Sequence[Mapping[str, Array]]) -> bool:
+    off = np.nanmax(np.abs(runs[-1].state["u"][-1] - there[-1]["u"][-1]), initial=0.0)
+    return bool(off < _RIGHT * np.abs(there[-1]["u"]).max())
+
+
+def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator[Undone]:
+    """Changes that fit, the plainest first."""
+    known = np.isfinite(mine).all(axis=0)
+    if not known.any():
+        return
+    mine = np.where(known, mine, 0.0)
+    names = {"u": problem.coordinate_names, "v": problem.coordinate_names,
+             "lambda": problem.constraint_names}.get(part, ())  # fmt: skip
+    if part == "output" and problem.outputs is not None:
+        names = tuple(problem.outputs.names)
+    size = np.abs(there).max(axis=0)
+    if part == "output":  # forces and moments have sizes of their own
+        kinds = [name.rpartition(".")[0] for name in names]
+        size = np.array([size[[k == kind for k in kinds]].max() for kind in kinds])
+    elif part != "lambda":
+        size = np.full(len(size), size.max())
+    size = np.maximum(size, 1e-300)
+    telling = known & (np.abs(there).max(axis=0) > _TELLING * size)
+    factor = (mine * there).sum(axis=0) / np.maximum((there**2).sum(axis=0), 1e-300)
+    left = np.abs(mine - factor * there).max(axis=0) / np.maximum(np.abs(mine).max(axis=0), 1e-300)
+    fits = telling & (left < _FITS)
+    if part in ("u", "v") and telling.any() and fits[telling].all():
+        for value, unit in _UNITS.items():
+            if (np.abs(factor[telling] / value - 1) < 0.03).all():
+                text = (f"{part} is {value:g} times as large, and taken to be in {unit}"
+                        f"{'/s' if part == 'v' else ''}")  # fmt: skip
+                yield Undone(part, text, partial(np.multiply, 1 / value))
+    turned = fits & (np.abs(factor + 1) < _FITS)
+    others = telling & ~turned
+    # Of coordinates all others must be right: else the motion is another one.
+    if turned.any() and (part in ("lambda", "output") or (np.abs(factor - 1)[others] < 0.1).all()):
+        if turned.sum() == telling.sum():
+            turned |= known & ~telling  # what tells nothing goes with the others
+        text = _turned(part, [name for name, it in zip(names, turned, strict=True) if it])
+        yield Undone(part, text, lambda x: x * np.where(turned, -1.0, 1.0))
+    if part == "output":
+        return
+    cost = np.abs(mine[:, :, None] - there[:, None, :]).max(axis=0) / size
+    order_of, place = linear_sum_assignment(cost)
+    given, best = np.diag(cost).max(), cost[order_of, place].max()
+    if known.all() and given > 0.2 and best < _FITS * given and (place != order_of).any():
+        order, listed = np.argsort(place), ", ".join(names[k] for k in place)
+        text = f"{_WORDS[part]} are in the order {listed}"
+        yield Undone(part, text, lambda x: x[:, order])
+
+
+def _turned(part: str, names: Sequence[str]) -> str:
+    if part != "output":
+        return f"the sign of {'λ' if part == 'lambda' else part} is turned, of {', '.join(names)}"
+    of = ", ".join(dict.fromkeys(name.rpartition(".")[0] or name for name in names))
+    return f"the sign of {of} is turned: it is what acts on the other body"

@@ -1,0 +1,268 @@
+"""A cell of another code: its run is replayed before the measures that need states only.
+
+Errors and invariants are those of the measures of these names, against the same references.
+Rounding is told by the code's own twins; of a code without any by those of a march of this
+package with the same method and step size.
+"""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+import numpy as np
+
+from newmark_cli.codes.misfits import misfits_at
+from newmark_cli.codes.programs import CodeError, Wanted
+from newmark_cli.codes.reading import Run
+from newmark_cli.newmark.kept import KEPT, Kept
+from newmark_cli.newmark.march import March
+from newmark_cli.newmark.march_data import COMPLETED
+from newmark_cli.newmark.statistics import Measurement, statistics
+from newmark_cli.newmark.trajectory import Trajectory
+from newmark_cli.newmark.twins import last_places_off, twins
+from newmark_cli.problems.multipliers import relative
+from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.reference import Reference
+from newmark_cli.study.axes import OURS, Cell
+from newmark_cli.study.cell import Outcome
+from newmark_cli.study.compute import marched, scheme_of, with_rounding
+from newmark_cli.study.measures import OF_OUTPUTS
+from newmark_cli.study.observers import OBSERVERS, Deviations, error_of, over_time
+from newmark_cli.study.observers import invariants as compared
+from newmark_cli.support.arrays import Array
+
+#: What can be measured of states alone.
+OF_STATES = ("error", "invariant", "trajectory")
+#: Rows of a run at which invariants are looked at, besides the first and last of it.
+_SAMPLES, _ENDS = 32, 3
+#: Twins of a march that stands in for those of a code that has none.
+_TWINS = 3
+#: Part of a step by which the last row may miss t_end: a sum of steps rounds.
+_SAME_STEP = 1e-3
+#: Times that differ by less, over their size, are the same.
+SAME_TIME = 1e-11
+_EPS = float(np.finfo(float).eps)
+#: Cell, times → its march and the twins of it, as runs; none where it does not arrive.
+Marched = Callable[[Cell, Array], Sequence[Run]]
+
+
+def replayed(
+    cell: Cell,
+    reference: Reference | None = None,
+    on_steps: Callable[[int], None] = lambda steps: None,
+) -> tuple[Outcome, float | None]:
+    """Run another code and measure what it gives; see `newmark_cli.study.compute.compute`.
+
+    Returns:
+        The outcome, and the time of the run without its twins (s): that of the column
+        ``seconds``, or of the clock; None where it failed.
+    """
+    assert not isinstance(cell.code, str)
+    problem = cell.problem.load()
+    start = np.array([problem.u0, problem.v0])
+    runs, seconds = [], 0.0
+    try:
+        for twin in range(1 + cell.twins):
+            u0, v0 = last_places_off(start, twin - 1) if twin else start
+            wanted = Wanted(
+                cell.problem, cell.h, problem.t0 + cell.t_end, u0, v0, twin, lambda: on_steps(0)
+            )
+            begun = time.perf_counter()
+            run = cell.code.run(wanted)
+            seconds = seconds or time.perf_counter() - begun
+            on_steps(cell.steps)
+            if run is not None:
+                runs.append(_to_the_end(run, wanted))
+    except CodeError as error:
+        return Outcome([], 0, np.nan, "failed", f"{cell.code.name}: {error}"), None
+    if lacks := runs[0].lacks:
+        reason = f"{cell.code.name}: no number in the last row: {', '.join(lacks[:3])}"
+        return Outcome([], 0, np.nan, "diverged", reason), None
+    if len(told := runs[0].numbers.get("seconds", np.zeros(0))):
+        seconds = float(told[-1])
+    return measured(cell, runs, reference), seconds
+
+
+def _to_the_end(run: Run, wanted: Wanted) -> Run:
+    """The rows up to the wanted end, which is among them."""
+    slack = _SAME_STEP * wanted.h
+    rows = run.t <= wanted.t_end + slack
+    if not rows.any() or run.t[rows][-1] < wanted.t_end - slack:
+        last = f"ended at t = {run.t[rows][-1]:g}" if rows.any() else "has no row"
+        why = f": {run.message}" if run.message else ""
+        raise CodeError(f"{last}, before t_end = {wanted.t_end:g}{why}")
+    return replace(
+        run,
+        t=run.t[rows],
+        state={part: values[rows] for part, values in run.state.items()},
+        numbers={name: values[rows] for name, values in run.numbers.items()},
+    )
+
+
+def measured(
+    cell: Cell,
+    runs: Sequence[Run],
+    reference: Reference | None,
+    marches: Marched | None = None,
+) -> Outcome:
+    """Outcome of a cell from a run that came to its end, and the runs of its twins.
+
+    Args:
+        cell: The cell; its axes say which method the code claims to have.
+        runs: The run, then those of its twins.
+        reference: Solution at the end; errors are empty without it.
+        marches: In place of a march of this package: what is known of it, see `Marched`.
+    """
+    problem, (run, *others) = cell.problem.load(), runs
+    off = deviations(run, problem, reference)
+    spread = [off, *(deviations(other, problem, reference) for other in others)]
+    wanted = [name for name in OF_STATES if name in cell.measure]
+    if not others and cell.twins and {"error", "invariant"} & {*wanted}:
+        own = (marches or of_march)(cell, run.t)
+        # A march that projects or recovers, and its twins, agree with what they meet to the bit.
+        spread = [deviations(twin, problem, reference, k) for k, twin in enumerate(own)]
+    rows: dict[str, list[Measurement]] = {}
+    for name, values in off.items():
+        measure, _, quantity = name.partition(" ")
+        row = Measurement(name, measure, "primary", statistics(np.abs(values).max(axis=1)))
+        if len(spread) > 1:
+            row = with_rounding(row, spread, _unresolved(measure, quantity, reference))
+        rows.setdefault(measure, []).append(replace(row, quantity=quantity))
+    counts = run.numbers.get("iterations", np.zeros(0))
+    counts = counts[counts > 0]
+    trajectory: Mapping[str, Any] = {}
+    if "trajectory" in wanted:
+        kept = cell.trajectory or Kept()
+        trajectory, rows["trajectory"] = over_time(problem, kept, _kept_of(run, kept, cell))
+    return Outcome(
+        measurements=[row for name in wanted for row in rows.get(name, [])],
+        not_converged=0,
+        newton_iterations=float(np.mean(counts)) if len(counts) else np.nan,
+        status="ok",
+        trajectory=trajectory,
+    )
+
+
+def _unresolved(measure: str, quantity: str, reference: Reference | None) -> float:
+    """By how much what a quantity deviates from may be off itself."""
+    if measure != "error":
+        # What is printed of u and v is rounded itself, however well our own march meets it.
+        return _EPS
+    return error_of(reference, OF_OUTPUTS.get(quantity, quantity))
+
+
+def _kept_of(run: Run, kept: Kept, cell: Cell) -> Trajectory:
+    """The rows that a trajectory keeps, as that of a march."""
+    problem = cell.problem.load()
+    numbers = np.round((run.t - problem.t0) / cell.h).astype(np.int64)
+    if kept.at:
+        rows = np.unique([int(np.abs(run.t - t).argmin()) for t in kept.at])
+    else:
+        rows = np.flatnonzero((numbers % kept.every == 0) | (numbers == numbers[-1]))
+    arrays = {
+        name: run.state[name][rows]
+        for name in KEPT
+        if name in run.state and np.isfinite(run.state[name][rows]).all()
+    }
+    # There is no state to go on from.
+    return Trajectory(
+        t=run.t[rows], numbers=numbers[rows], iterations=np.zeros(len(rows), np.int64),
+        converged=np.ones(len(rows), bool), status="ok", steps=cell.steps, not_converged=0,
+        newton_iterations=0, h=cell.h, state=cast(Any, None), problem=problem, arrays=arrays,
+    )  # fmt: skip
+
+
+def deviations(
+    run: Run, problem: Problem, reference: Reference | None, aside: int = 0
+) -> Deviations:
+    """“measure quantity” → (samples, k) by how much components are off, relative to their size.
+
+    Args:
+        run: A run; what it has no columns of is left out.
+        problem: What was solved.
+        reference: The solution at its last row; no errors without it.
+        aside: Which twin of a march of this package it is, whose invariants are looked at with
+            other last places of u and v; 0 of none.
+    """
+    by_name: dict[str, Array] = {}
+
+    def note(name: str, off: Array) -> None:
+        if (known := ~np.isnan(off)).any():
+            by_name[name] = off[None, known]
+
+    if reference is not None:
+        end = {part: values[-1] for part, values in run.state.items()}
+        for part, there in (("u", reference.u), ("v", reference.v)):
+            note(f"error {part}", relative(end[part] - there, float(np.abs(there).max())))
+        if problem.m:
+            there = reference.multipliers
+            note("error lambda", relative(end["lambda"] - there, reference.scales))
+        for kind, off in _off_outputs(run, problem, reference):
+            note(f"error {kind}", off)
+    samples = [misfits_at(problem, run, row, aside) for row in looked_at(run, problem)]
+    samples = [sample for sample in samples if sample]
+    if samples:
+        names = set(samples[0]).intersection(*samples)
+        kept = [{name: sample[name] for name in samples[0] if name in names} for sample in samples]
+        by_name |= {f"invariant {name}": off for name, off in compared(problem, kept).items()}
+    return by_name
+
+
+def _off_outputs(run: Run, problem: Problem, reference: Reference) -> Iterator[tuple[str, Array]]:
+    """Kind of output → by how much those of the last row are off."""
+    if problem.outputs is None or "output" not in run.state:
+        return
+    here, there = run.state["output"][-1], problem.outputs.values(
+        problem, run.t[-1], reference.u, reference.v, reference.multipliers
+    )  # fmt: skip
+    kinds = np.array([n.rpartition(".")[0].rpartition(".")[2] for n in problem.outputs.names])
+    for kind in OF_OUTPUTS:
+        of = kinds == kind
+        if of.any():
+            size = float(np.abs(there[of]).max())
+            if kind == "moment":
+                lever = problem.outputs.length(reference.u)
+                size = max(size, lever * float(np.abs(there[kinds == "force"]).max()))
+            yield kind, relative(here[of] - there[of], size)
+
+
+def looked_at(run: Run, problem: Problem) -> list[int]:
+    """Rows at which invariants are looked at, all after the start."""
+    rows = np.flatnonzero(run.t > problem.t0 + SAME_TIME)
+    if len(rows) > _SAMPLES:
+        spread = np.round(np.linspace(0, len(rows) - 1, _SAMPLES)).astype(int)
+        rows = rows[np.unique([*range(_ENDS), *spread, *range(len(rows) - _ENDS, len(rows))])]
+    return [int(row) for row in rows]
+
+
+def of_march(cell: Cell, times: Array) -> list[Run]:
+    """A march of this package with the method of a cell, and its twins, at some times.
+
+    Empty where one of them does not arrive there.
+    """
+    problem = cell.problem.load()
+    kept = Kept(at=tuple(float(t) for t in times), keep=("u", "v", "lambda"))
+    own = replace(cell, code=OURS, trajectory=kept, measure=("trajectory",))
+    scheme, grid = scheme_of(own), own.grid(problem.t0)
+    marches = [March(problem, scheme, own.solver, own.krylov, grid=grid)]
+    marches += twins(problem, scheme, _TWINS, own.solver, own.krylov, grid)
+    runs = []
+    for march in marches:
+        watch = OBSERVERS["trajectory"](own, march, None)
+        counts, _ = marched(march, own.steps, [watch], lambda steps: None)
+        columns = watch.trajectory
+        t = np.asarray(columns["t"], float)
+        arrived = march.ending == COMPLETED and not (counts < 0).any()
+        if not arrived or len(t) < len(np.unique(times)):
+            return []
+        state = {
+            part: np.array([columns[f"{part}[{name}]"] for name in names]).reshape(-1, len(t)).T
+            for part, names in (("u", problem.coordinate_names), ("v", problem.coordinate_names),
+                                ("lambda", problem.constraint_names))
+        }  # fmt: skip
+        if problem.outputs is not None:
+            rows = zip(t, state["u"], state["v"], state["lambda"], strict=True)
+            state["output"] = np.array([problem.outputs.values(problem, *row) for row in rows])
+        runs.append(Run("", cell.h, 0, t, state, {}))
+    return runs
