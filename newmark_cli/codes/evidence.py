@@ -34,6 +34,9 @@ _SAMPLES, _COUNTED = 60, 400
 _FADED = 1e-2
 #: Orders that differences may have.
 _POWERS = np.linspace(1, 5, 81)
+#: Least error of λ with which it converges elsewhere by itself.
+_OF_MULTIPLIERS = 1e-5
+_EPS = float(np.finfo(float).eps)
 #: Rows of a run that an explanation must meet.
 _LOOKED_AT = 8
 
@@ -222,7 +225,8 @@ class Evidence:
         rounding = np.array([one.rounding.get(part, math.nan) for one in self.marched])
         rounding = np.nan_to_num(rounding) * (_LIKE if self.told.integrator else _UNLIKE)
         power = {"u": 0, "v": 1, "lambda": 2}[part]
-        least = 1e-13 * (1 + (1e-3 * (self.end - self.t0) / self.h) ** power)
+        steps = (self.end - self.t0) / self.h
+        least = 1e-13 * (1 + (1e-3 * steps) ** power) + _EPS * steps
         return np.asarray(np.maximum(np.maximum(rounding, 3 * self.resolution[part]), least))
 
     def bound(self, part: str) -> float:
@@ -254,7 +258,11 @@ class Evidence:
             return False
         last = self.last(part)
         factor = 3 if len(self.runs) > 2 else 10
-        return bool(last[-1] > factor * self.bound(part) and last.min() > 0.3 * last[-1])
+        # Multipliers scatter by more than differences of two step sizes tell.
+        least, factor = (_OF_MULTIPLIERS, 3 * factor) if part == "lambda" else (0.0, factor)
+        return bool(
+            last[-1] > max(factor * self.bound(part), least) and last.min() > 0.3 * last[-1]
+        )
 
     def order(self, part: str) -> tuple[float, float]:
         """Order over the smallest step sizes above the floors, and how far local ones scatter.

@@ -17,8 +17,9 @@ from newmark_cli.support.arrays import Array
 EXACT = 3e-13
 #: Most evaluations of one solution: a wrong number may make a motion wild.
 _MOST = 40_000
-#: A step covers at most one part in so many of the motion.
-_STEPS = 40
+#: A step covers at most one part in so many of the motion: where rows are compared to rounding,
+#: and where a change is fitted.
+_STEPS, _FEW_STEPS = 40, 8
 
 #: Time (s), u and v → a further force (n,).
 Force = Callable[[float, Array, Array], Array]
@@ -56,12 +57,17 @@ class Truth:
     ) -> None:
         self.problem, self._force, self._curvature, self._left = problem, force, curvature, _MOST
         u0, v0 = (problem.u0 if u0 is None else u0), (problem.v0 if v0 is None else v0)
+        n, m, pattern = problem.n, problem.m, problem.pattern
+        self._matrix = np.zeros((n + m, n + m))
+        self._matrix[:n, :n] = problem.M
+        self._places = pattern.g_rows * m + pattern.g_columns
         start = np.concatenate([u0, v0])
+        steps = _STEPS if tolerance <= EXACT else _FEW_STEPS
         with np.errstate(all="ignore"):
             solved = solve_ivp(
                 self._rate, (problem.t0, t_end), start, "DOP853",
                 rtol=tolerance, atol=0.3 * tolerance * max(float(np.abs(start).max()), 1e-9),
-                max_step=(t_end - problem.t0) / _STEPS, dense_output=True,
+                max_step=(t_end - problem.t0) / steps, dense_output=True,
             )  # fmt: skip
         if not solved.success:
             raise NoMotion(str(solved.message))
@@ -80,11 +86,9 @@ class Truth:
         problem, n, m = self.problem, self.problem.n, self.problem.m
         values = problem.values(float(t), u, v, np.zeros(m))
         force = values.force if self._force is None else values.force + self._force(t, u, v)
-        matrix = np.zeros((n + m, n + m))
-        matrix[:n, :n] = problem.M
-        rows, columns = problem.pattern.g_rows, n + problem.pattern.g_columns
-        np.add.at(matrix, (rows, columns), -values.g)
-        matrix[n:, :n] = -matrix[:n, n:].T
+        gradient = np.bincount(self._places, values.g, minlength=n * m).reshape(n, m)
+        matrix = self._matrix.copy()
+        matrix[:n, n:], matrix[n:, :n] = -gradient, gradient.T
         curvature = self._curvature * problem.constraint_derivatives(t, u, v)[1]
         right = np.concatenate([force, -curvature])
         try:

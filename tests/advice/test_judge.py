@@ -440,9 +440,7 @@ BENCH = bench()
     "name",
     [
         "crane: RK4, nothing said",
-        "triple: HHT with 9 digits",
         "rocker: bodies.arm.centre.0 × 1.02",
-        "rocker: torques.motor.torque.frequency × 0.97",
         "crane: a(0) = 0",
         "triple: γ + 0.08, nothing said",
         "crane: no centrifugal terms",
