@@ -17,7 +17,7 @@ from test_spatial_laws import BODIES
 import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.registry import SHIPPED, problem
 from newmark_cli.mechanisms.spec import Sized
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import Newmark
@@ -66,7 +66,7 @@ MEMBERS = {
     for size in (1, 4)
 }
 MAKERS = {
-    **{name: lambda name=name: problem(name) for name in PROBLEMS}, **MEMBERS, **WITH_EVERYTHING,
+    **{name: lambda name=name: problem(name) for name in SHIPPED}, **MEMBERS, **WITH_EVERYTHING,
 }  # fmt: skip
 EVERY = pytest.mark.parametrize("name", MAKERS)
 
@@ -179,7 +179,7 @@ def test_starts(name):
     found = invariants(subject, subject.t0, initial_state(subject, scheme))
     conserved = subject.energies(subject.t0, subject.u0, subject.v0) is not None
     assert tuple(found) == INVARIANTS[: 4 if conserved else 3]
-    assert name not in PROBLEMS or conserved == (name in CONSERVATIVE)
+    assert name not in SHIPPED or conserved == (name in CONSERVATIVE)
     for misfit in found.values():
         assert np.all(np.abs(misfit.errors) <= 1e-12 * max(np.max(misfit.sizes), 1e-3))
 
@@ -196,7 +196,7 @@ def test_problems_can_be_sent_to_other_processes(name):
 
 # -- marches ----------------------------------------------------------------------------------
 
-STEPPED = {**{name: lambda name=name: problem(name) for name in PROBLEMS}, "damped": damped}
+STEPPED = {**{name: lambda name=name: problem(name) for name in SHIPPED}, "damped": damped}
 PROJECTED = ("none", "velocity", "position-velocity accelerations")
 
 

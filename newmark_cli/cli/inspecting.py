@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -251,23 +252,44 @@ _EXPLAINED = {
 
 
 @click.command("list")
+@flag("--problems", help="List the shipped problems: what they test, sources, reference errors.")
+@click.option(
+    "--testset",
+    "folder",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Write the test set into DIR, for codes in any language.",
+)
 @json_option
 @click.option(
     "--schema",
     type=Declared("study.schema", "SCHEMAS"),
     help="Print the JSON Schema of configs, or of mechanism files in the plane or in space.",
 )
-def list_(as_json: bool, schema: str | None) -> int:
+def list_(problems: bool, folder: Path | None, as_json: bool, schema: str | None) -> int:
     """List everything that a config can name, and the figures.
 
     Lists problems, forms, integrators, scalings, measures, shipped studies and
     figures, with one line of description each.  With a JSON Schema, which lists all
-    keys, editors complete and check files.
+    keys, editors complete and check files.  --testset writes the mechanisms of the test set
+    as YAML and JSON, with reference values and templates as CSV, and names the files.
 
     \b
     Example:
       newmark-study list --schema config > newmark-study.json
+      newmark-study list --testset testset
     """
+    if sum((problems, folder is not None, schema is not None)) > 1:
+        raise click.UsageError("give one of --problems, --testset and --schema")
+    if problems:
+        _list_problems(as_json)
+        return 0
+    if folder is not None:
+        from newmark_cli.library import testset
+
+        written = [str(file) for file in testset.write(folder)]
+        screen.lines(as_json_text(written) if as_json else "\n".join(written))
+        return 0
     if schema is not None:
         from newmark_cli.study import schema as schemas
 
@@ -291,6 +313,30 @@ def list_(as_json: bool, schema: str | None) -> int:
             begin = f"  {name:<{width}} "
             screen.lines(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
     return 0
+
+
+def _list_problems(as_json: bool) -> None:
+    """Print what is known of the shipped problems."""
+    from newmark_cli.library import testset
+    from newmark_cli.mechanisms.registry import PROBLEMS
+    from newmark_cli.report.judging.text import text_table, wrapped
+
+    members = [testset.member(name) for name in PROBLEMS]
+    if as_json:
+        freedom = "degrees_of_freedom"
+        screen.lines(as_json_text([asdict(one) | {freedom: one.n - one.m} for one in members]))
+        return
+    rows: list[tuple[str, ...]] = [("problem", "DOF", "n", "m", "t_end", "error u", "v", "λ")]
+    for one in members:
+        t_end = "" if one.t_end is None else f"{one.t_end:g}"
+        errors = [f"{one.errors[part]:.0e}" if one.errors else "" for part in testset.PARTS]
+        sizes = str(one.degrees_of_freedom), str(one.n), str(one.m)
+        rows.append((one.name, *sizes, t_end, *errors))
+    head, rule, *lines = text_table(rows).splitlines()
+    screen.lines(f"{head}\n{rule}")
+    for one, line in zip(members, lines, strict=True):
+        screen.line(line.rstrip())
+        screen.lines(wrapped(f"{one.tests or one.description}; {one.source}", 4))
 
 
 def _chosen_orders(

@@ -9,12 +9,14 @@ one, the error is that of a column ``tolerance``; without that, half a unit in t
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from newmark_cli.codes import table_files
 from newmark_cli.codes.reading import TOLERANCE, columns_of, names_of, some
+from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.invariants import misfits
 from newmark_cli.problems import multipliers
 from newmark_cli.problems.index_1 import Index1
@@ -68,6 +70,30 @@ class ReferenceFile:
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def of_testset(problem: Problem, since: float) -> Reference | None:
+    """The reference that travels with a member of the test set.
+
+    Args:
+        problem: Any problem.
+        since: Time since its start (s).
+
+    Returns:
+        The reference; None for other problems, and at times that the member's table lacks.
+    """
+    name = problem.name
+    if name not in registry.TESTSET or problem.content != registry.problem(name).content:
+        return None
+    try:
+        return _table_of(name)(since)
+    except NoReference:
+        return None
+
+
+@cache
+def _table_of(name: str) -> Callable[[float], Reference]:
+    return reference_at(registry.TESTSET_FOLDER / f"{name}.csv", registry.problem(name))
 
 
 def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
+from newmark_cli.codes.given_references import of_testset
 from newmark_cli.codes.reading import Run
 from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.problems.problem import Problem
@@ -25,7 +25,8 @@ class Motion:
 
     problem: Problem
     references: dict[float, Reference]
-    #: Time since the start (s) → solution, where one is given; computed otherwise.
+    #: Time since the start (s) → solution, where one is given; otherwise that of the test set, or
+    #: computed.
     given: Callable[[float], Reference] | None = None
 
     def at(self, t: float) -> Reference:
@@ -37,8 +38,9 @@ class Motion:
         for known, reference in self.references.items():
             if abs(known - t) <= SAME_TIME * max(1.0, abs(t)):
                 return reference
-        solve = self.given or partial(solution, self.problem)
-        self.references[t] = solve(t - self.problem.t0)
+        since = t - self.problem.t0
+        found = self.given(since) if self.given else of_testset(self.problem, since)
+        self.references[t] = found or solution(self.problem, since)
         return self.references[t]
 
 

@@ -10,9 +10,16 @@ from newmark_cli.problems.problem import Problem, ProblemError
 from newmark_cli.support.spelling import nearest
 
 _FOLDER = Path(__file__).parent / "shipped"
+#: Members of the test set, with their reference values.
+TESTSET_FOLDER = Path(__file__).parent / "testset"
 
-#: Names of the shipped problems.
-PROBLEMS = tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
+#: Names of the project's own problems, and of the members of the test set.
+SHIPPED, TESTSET = (
+    tuple(sorted(file.stem for file in folder.glob("*.yaml")))
+    for folder in (_FOLDER, TESTSET_FOLDER)
+)
+#: Names of all problems that travel with the package.
+PROBLEMS = tuple(sorted((*SHIPPED, *TESTSET)))
 
 
 @cache
@@ -26,7 +33,7 @@ def digest() -> str:
 
 def file(name: str) -> Path:
     """The file of a shipped problem."""
-    return _FOLDER / f"{name}.yaml"
+    return (TESTSET_FOLDER if name in TESTSET else _FOLDER) / f"{name}.yaml"
 
 
 @cache
@@ -53,7 +60,7 @@ def is_spatial(name: str) -> bool:
 
 
 def size(data: Mapping[str, Any]) -> tuple[int, int]:
-    """Coordinates and constraints of the data of a valid mechanism without angle coordinates."""
+    """Coordinates and constraints of a valid mechanism, as far as shipped ones go."""
     from newmark_cli.mechanisms.joints import JOINTS
 
     def all_of(*kinds: str) -> list[Any]:
@@ -68,4 +75,13 @@ def size(data: Mapping[str, Any]) -> tuple[int, int]:
         redundant = data.get("redundant", {})
         released = 0 if isinstance(redundant, str) else sum(map(len, redundant.values()))
         return 12 * bodies, 6 * bodies + rows - released
-    return 2 * sum("at" in point for point in data["points"].values()), bodies + rows
+    # Each angle that is a coordinate has a constraint.
+    twisted = all_of("torsion_springs", "torsion_dampers")
+    turning = {part[end] for part in twisted for end in ("from", "to") if end in part}
+    for motion in all_of("motions"):
+        turning |= {motion["body"], motion["relative_to"]} if "relative_to" in motion else set()
+    turning |= {wheel["wheel"] for wheel in all_of("rolling")}
+    angles = len(turning & data.get("bodies", {}).keys())
+    angles += sum("circle" in wheel for wheel in all_of("rolling"))
+    points = sum("at" in point for point in data["points"].values())
+    return 2 * points + angles, bodies + rows + angles

@@ -137,8 +137,8 @@ class Cell:
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
         "with `static-lu` up to 300 unknowns, else estimated in the 1-norm; last bits are the same "
-        "on every processor but with `sparse-lu`, and past 120 unknowns, where SuperLU solves for the "
-        "start",
+        "on every processor but with `sparse-lu`, and past 120 unknowns, where SuperLU solves for "
+        "the start",
     )
     formulation: Formulation = axis(
         initial=CONSTRAINTS,

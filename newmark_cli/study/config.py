@@ -59,6 +59,8 @@ BEYOND = (
     "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
     "spatial", "step-changes",
 )  # fmt: skip
+#: Shipped configs that take minutes, and are run by name only.
+APART = ("testset",)
 MOST_CASES = 500
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000

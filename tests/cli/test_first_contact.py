@@ -9,7 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
-from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.registry import SHIPPED
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism, inertias
 from newmark_cli.mechanisms.spatial_summary import inertia_of
 from newmark_cli.newmark import integrator
@@ -38,7 +38,7 @@ OWN = {"name": "mine", "left": {"D": "h^2"}, "right": {"lambda": "1/h^2"}}
 #: Axis → values of all its registries, as a config gives them.
 VALUES = {
     "problem": [
-        *PROBLEMS,
+        *SHIPPED,
         *({name: dict.fromkeys(of.parameters, 3)} for name, of in FAMILIES.items()),
     ],
     "integrator": [

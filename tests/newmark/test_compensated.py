@@ -16,7 +16,7 @@ from marching import ENGINES, EPS, STEP, formulated, in_python, march
 from mpmath import mp, mpf
 
 import newmark_cli as newmark
-from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.registry import SHIPPED, problem
 from newmark_cli.newmark import kernel, newton
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha
@@ -24,7 +24,7 @@ from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT, EVALUATIONS
 
 #: Shipped problems whose constraints are quadratic and do not depend on time.
-QUADRATIC = [name for name in PROBLEMS if name != "shaken-pendulum"]
+QUADRATIC = [name for name in SHIPPED if name != "shaken-pendulum"]
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from marching import EPS, in_motion, in_system, scheme_of, start
 from mpmath import mp
 
-from newmark_cli.mechanisms.registry import PROBLEMS
+from newmark_cli.mechanisms.registry import SHIPPED
 from newmark_cli.mechanisms.spec import Shipped, Sized
 from newmark_cli.newmark import march_data, newton
 from newmark_cli.newmark.forms import FORMS
@@ -27,7 +27,7 @@ from newmark_cli.newmark.linear.written import static_elimination
 from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, VARIANTS
 
-MAKERS = {name: Shipped(name).load for name in PROBLEMS} | {
+MAKERS = {name: Shipped(name).load for name in SHIPPED} | {
     "chain": Sized("chain", (("links", 200),)).load,
     "random chain": Sized("random-chain", (("links", 12),)).load,
     "long": Sized("random-chain", (("links", 120),)).load,
@@ -160,7 +160,7 @@ def test_condition_numbers(name, cases):
 
 @pytest.mark.parametrize(
     ("name", "form", "variant", "h"),
-    covering([*PROBLEMS, "long"], FORMS, VARIANTS, (1e-2, 1e-5, 1e-8)),
+    covering([*SHIPPED, "long"], FORMS, VARIANTS, (1e-2, 1e-5, 1e-8)),
 )
 def test_estimated_condition_numbers(name, form, variant, h):
     """Between a third of the exact 1-norm condition number and all of it; repeatable.

@@ -23,7 +23,7 @@ import exact_orders
 from exact_orders import Number
 from marching import start
 
-from newmark_cli.mechanisms.registry import PROBLEMS, problem
+from newmark_cli.mechanisms.registry import SHIPPED, problem
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.orders import derive_scaling, form_orders
@@ -105,7 +105,7 @@ def main() -> int:
     arguments = parser.parse_args()
     rng = random.Random(arguments.seed)
     begin = time.perf_counter()
-    small = [name for name in PROBLEMS if problem(name).n + problem(name).m <= 30]
+    small = [name for name in SHIPPED if problem(name).n + problem(name).m <= 30]
     compared = wrong = 0
     for subject in (*range(arguments.systems), *small):
         found = random_pairs(rng) if isinstance(subject, int) else shipped_pairs(subject, rng)
