@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from newmark_cli.codes import levels
-from newmark_cli.codes.changes import MechanismFile, Wanted, explained_by
+from newmark_cli.codes.changes import Discrepancy, FileNumbers, explained_by
 from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
-    Evidence,
     Finding,
-    Marched,
+    OurMarch,
+    SeriesErrors,
     Told,
     order_of,
     printed,
@@ -49,9 +49,9 @@ def explained(
     runs: Sequence["Run"],
     problem: Problem,
     told: Told,
-    marched: Sequence[Marched],
+    marched: Sequence[OurMarch],
     truth: Truth,
-    file: MechanismFile | None = None,
+    file: FileNumbers | None = None,
     single: bool = False,
 ) -> list[Finding]:
     """Findings on one series.
@@ -70,7 +70,7 @@ def explained(
     ended = [run for run in runs if run.ended and not run.twin]
     if not ended:
         return found
-    evidence = Evidence(ended, problem, told, marched, single, truth)
+    evidence = SeriesErrors(ended, problem, told, marched, single, truth)
     found += [*_numbers(evidence, label)]
     if told.steps:
         found += [*_clock(evidence, label), *_unstable(evidence, label)]
@@ -122,7 +122,7 @@ def _named(found: Sequence[Finding], *names: str) -> bool:
     return any(one.name in names and one.fault for one in found)
 
 
-def _of_start(evidence: Evidence, label: str, found: Sequence[Finding]) -> list[Finding]:
+def _of_start(evidence: SeriesErrors, label: str, found: Sequence[Finding]) -> list[Finding]:
     """The start, or a length that is another one: both miss Φ at the first row."""
     starts = [*_start(evidence, label)]
     lengths = [] if _named(found, "single precision") else [*levels.length(evidence, label)]
@@ -133,7 +133,7 @@ def _of_start(evidence: Evidence, label: str, found: Sequence[Finding]) -> list[
 
 
 def _of_motion(
-    evidence: Evidence, label: str, before: Sequence[Finding], file: MechanismFile | None
+    evidence: SeriesErrors, label: str, before: Sequence[Finding], file: FileNumbers | None
 ) -> list[Finding]:
     """What u, v and λ say, where the start is the mechanism's."""
     found = [*_late(evidence, label)]
@@ -180,7 +180,7 @@ def _failures(label: str, runs: Sequence["Run"], told: Told) -> list[Finding]:
     return [Finding("failure", label, f"no result at {name} = {sizes}: {because}")]
 
 
-def _numbers(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _numbers(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     worst = max((evidence.resolution[part] for part in PARTS if evidence.has[part]), default=0.0)
     if evidence.single:
         yield Finding("single precision", label, "every number of the state is one of single "
@@ -190,7 +190,7 @@ def _numbers(evidence: Evidence, label: str) -> Iterator[Finding]:
                       "not judged; print 17 digits", False, {"resolution": worst})  # fmt: skip
 
 
-def _clock(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _clock(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """T off whole steps, by a sum in single precision."""
     t = np.concatenate([run.t[run.t > evidence.t0] for run in evidence.runs])
     steps = [((run.t - evidence.t0) / run.size, run.size) for run in evidence.runs]
@@ -201,7 +201,7 @@ def _clock(evidence: Evidence, label: str) -> Iterator[Finding]:
                       "precision: take t = k h in double", True, {"off": off})  # fmt: skip
 
 
-def _unstable(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _unstable(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     if not evidence.has["u"]:
         return
     u, h = evidence.last("u"), evidence.h
@@ -221,7 +221,7 @@ def _unstable(evidence: Evidence, label: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _beyond_tolerance(evidence: Evidence, label: str) -> list[Finding]:
+def _beyond_tolerance(evidence: SeriesErrors, label: str) -> list[Finding]:
     tolerance, found = float(evidence.h[-1]), []
     for part in PARTS:
         if evidence.has[part]:
@@ -238,7 +238,7 @@ def _beyond_tolerance(evidence: Evidence, label: str) -> list[Finding]:
 # -- start and time ---------------------------------------------------------------------------
 
 
-def _start(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _start(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Rows at t = 0 that are not the problem's start; without such rows nothing is said."""
     problem, t0 = evidence.problem, evidence.t0
     for k, run in enumerate(evidence.runs):
@@ -272,7 +272,7 @@ def _start(evidence: Evidence, label: str) -> Iterator[Finding]:
             return
 
 
-def _begins(evidence: Evidence, row: int, k: int) -> bool:
+def _begins(evidence: SeriesErrors, row: int, k: int) -> bool:
     """Whether the motion from a row of t = 0 is what the smallest step size converges to."""
     if not (evidence.whole["u"] and evidence.whole["v"]):
         return True
@@ -291,7 +291,7 @@ def _begins(evidence: Evidence, row: int, k: int) -> bool:
     return bool(left < 0.05 * max(evidence.last("u")[-1], evidence.last("v")[-1]))
 
 
-def _late(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _late(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """U and v, or λ, of another time t + c h, at three step sizes and all of their rows."""
     if len(evidence.runs) < 3:
         return
@@ -306,7 +306,7 @@ def _late(evidence: Evidence, label: str) -> Iterator[Finding]:
             return
 
 
-def _left_at(evidence: Evidence, parts: Sequence[str], c: float, k: int) -> float:
+def _left_at(evidence: SeriesErrors, parts: Sequence[str], c: float, k: int) -> float:
     """Part of the error of a run that is left against the solution at t + c h."""
     run, reference = evidence.runs[k], evidence.reference[k]
     rows = np.flatnonzero((run.t > evidence.t0 + 0.5 * run.size)
@@ -325,7 +325,7 @@ def _left_at(evidence: Evidence, parts: Sequence[str], c: float, k: int) -> floa
 
 
 def _of_time(
-    evidence: Evidence, label: str, parts: Sequence[str], c: float, left: float
+    evidence: SeriesErrors, label: str, parts: Sequence[str], c: float, left: float
 ) -> Finding:
     sign, size = "−" if c < 0 else "+", "½" if abs(c) == 0.5 else "1"
     said = f"{' and '.join(SYMBOLS[part] for part in parts)} {'are' if len(parts) > 1 else 'is'} "
@@ -349,7 +349,7 @@ def _of_time(
     return Finding("late", label, text, not (first or midpoint), numbers)
 
 
-def _mixed(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _mixed(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """One run that does not lie on the line of all others."""
     if len(evidence.runs) < 5:
         return
@@ -378,10 +378,10 @@ def _mixed(evidence: Evidence, label: str) -> Iterator[Finding]:
 
 
 def _mechanism(
-    evidence: Evidence, label: str, file: MechanismFile | None, alternates: bool
+    evidence: SeriesErrors, label: str, file: FileNumbers | None, alternates: bool
 ) -> Iterator[Finding]:
     """The one number of the file that explains u, v and λ, proved by a new solution."""
-    wanted = Wanted(evidence, ("lambda",) if alternates else ())
+    wanted = Discrepancy(evidence, ("lambda",) if alternates else ())
     fits = wanted.search(file)
     good, seen = explained_by(fits), wanted.seen()
     numbers = {fit.candidate.name: fit.change for fit in (good or fits)[:_NAMED]}
@@ -401,7 +401,7 @@ def _mechanism(
                   {"changes": numbers})  # fmt: skip
 
 
-def _factor(evidence: Evidence, label: str, file: MechanismFile | None) -> Iterator[Finding]:
+def _factor(evidence: SeriesErrors, label: str, file: FileNumbers | None) -> Iterator[Finding]:
     """λ over what u and v imply: one number, or one times a power of h, at all h and t.
 
     One row says nothing of a λ that may alternate, and rows of one time are also explained by
@@ -447,7 +447,7 @@ def _factor(evidence: Evidence, label: str, file: MechanismFile | None) -> Itera
 # -- what is seen -----------------------------------------------------------------------------
 
 
-def _lambda_stops(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _lambda_stops(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     if not evidence.has["lambda"] or len(evidence.runs) < 3 or evidence.told.integrator is None:
         return
     values = evidence.last("lambda")
@@ -465,7 +465,7 @@ def _lambda_stops(evidence: Evidence, label: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _low_order(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _low_order(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     wanted = evidence.told.order
     for part in ("u", "v"):
         order, scatter = evidence.order(part)
@@ -477,7 +477,7 @@ def _low_order(evidence: Evidence, label: str) -> Iterator[Finding]:
             return
 
 
-def _out_of_reach(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _out_of_reach(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Newton's iterations that become many at small h."""
     if len(evidence.runs) < 2 or not all("iterations" in run.numbers for run in evidence.runs):
         return
@@ -501,7 +501,7 @@ def _out_of_reach(evidence: Evidence, label: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _of_steps(evidence: Evidence, counts: Sequence[Array]) -> list[Array]:
+def _of_steps(evidence: SeriesErrors, counts: Sequence[Array]) -> list[Array]:
     """Iterations in each step, where the table has their sums since the start."""
     done = [np.maximum((run.t - evidence.t0) / evidence.step_of(run), 1) for run in evidence.runs]
     later = [of[steps > _FEW] / steps[steps > _FEW] for of, steps in zip(counts, done, strict=True)]
@@ -509,7 +509,7 @@ def _of_steps(evidence: Evidence, counts: Sequence[Array]) -> list[Array]:
     return [of / steps if sums else of for of, steps in zip(counts, done, strict=True)]
 
 
-def _tangent(evidence: Evidence, label: str) -> Iterator[Finding]:
+def _tangent(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Corrections that fall linearly: the ratio of a quadratic fall counts as 0."""
     ratios = []
     for run in evidence.runs:

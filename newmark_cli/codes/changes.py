@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.codes.evidence import PARTS, SYMBOLS, Evidence
+from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
 from newmark_cli.mechanisms import loading
 from newmark_cli.problems.problem import Problem
@@ -41,7 +41,7 @@ Path = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
-class MechanismFile:
+class FileNumbers:
     """A mechanism as its file has it, and how a problem is made of such a document."""
 
     document: Mapping[str, Any]
@@ -62,7 +62,7 @@ class MechanismFile:
         return self.make(document)
 
 
-def file_of(problem: Problem, given: Any = None) -> MechanismFile | None:
+def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
     """The file that a problem was made of; None where there is none, or where it has code.
 
     Args:
@@ -78,7 +78,7 @@ def file_of(problem: Problem, given: Any = None) -> MechanismFile | None:
         return None
     if not loading.is_mechanism(document) or loading.has_code(document):
         return None
-    return MechanismFile(
+    return FileNumbers(
         document, lambda other: loading.built(problem.name, Document.of("mechanism", other))
     )
 
@@ -120,7 +120,7 @@ class Candidate:
     starts: Sequence[float] = ()
 
 
-def candidates(evidence: Evidence, file: MechanismFile | None) -> Iterator[Candidate]:
+def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Candidate]:
     """What may have been changed, the numbers of the file first."""
     problem, end = evidence.problem, evidence.end
     if file is not None:
@@ -145,7 +145,7 @@ def candidates(evidence: Evidence, file: MechanismFile | None) -> Iterator[Candi
         )  # fmt: skip
 
 
-def _of_file(evidence: Evidence, file: MechanismFile) -> Iterator[Candidate]:
+def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
 
     def moved(
@@ -211,7 +211,7 @@ def _share(name: str) -> Callable[[float], str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class FittedChange:
     """What a candidate leaves."""
 
     worst: float  #: largest, over what truncation may leave
@@ -220,10 +220,10 @@ class Fit:
     candidate: Candidate
 
 
-class Wanted:
+class Discrepancy:
     """What the smallest step size is off by, weighted by what truncation may leave."""
 
-    def __init__(self, evidence: Evidence, without: Sequence[str] = ()) -> None:
+    def __init__(self, evidence: SeriesErrors, without: Sequence[str] = ()) -> None:
         run, k = evidence.runs[-1], len(evidence.runs) - 1
         rows = evidence.looked_at(run)
         rows = rows[evidence.settled(run)[rows]] if evidence.settled(run)[rows].any() else rows
@@ -260,11 +260,11 @@ class Wanted:
             return np.full_like(self.all, 1e9)
         return np.where(np.isfinite(moved), moved, 1e9)
 
-    def fitted(self, candidate: Candidate, near: float) -> Fit:
+    def fitted(self, candidate: Candidate, near: float) -> FittedChange:
         """A change by Gauss and Newton, with secants; given up early where it leads away."""
         c, delta = near, 1e-3
         here = self.moved(candidate, c) if c else np.zeros_like(self.all)
-        best = Fit(*self._left(here), c, candidate)
+        best = FittedChange(*self._left(here), c, candidate)
         for step in range(12):
             there = self.moved(candidate, c + delta)
             slope = (there - here) / delta
@@ -272,7 +272,7 @@ class Wanted:
                 break
             if step or near:
                 c, here = c + delta, there
-                if (fit := Fit(*self._left(here), c, candidate)).mean < best.mean:
+                if (fit := FittedChange(*self._left(here), c, candidate)).mean < best.mean:
                     best = fit
                 elif step > 2:
                     break
@@ -292,9 +292,9 @@ class Wanted:
         left = self.all - moved
         return float(np.abs(left).max()), float(np.linalg.norm(left)) / max(self.size, 1e-300)
 
-    def search(self, file: MechanismFile | None) -> list[Fit]:
+    def search(self, file: FileNumbers | None) -> list[FittedChange]:
         """What each candidate leaves, the best first."""
-        fits: list[Fit] = []
+        fits: list[FittedChange] = []
         every = list(candidates(self.evidence, file))
         for far in (False, True) if self.largest > 0.02 else (False,):
             for candidate in every:
@@ -319,7 +319,7 @@ class Wanted:
                 "in parentheses is what truncation may leave")  # fmt: skip
 
 
-def explained_by(fits: Sequence[Fit]) -> list[Fit]:
+def explained_by(fits: Sequence[FittedChange]) -> list[FittedChange]:
     """Those that explain all, if any; one of several that are much better stands alone."""
     good = [fit for fit in fits if fit.worst < _EXPLAINS and fit.mean < _IN_THE_MEAN]
     return [fit for fit in good if fit.worst < 4 * good[0].worst + 0.3]

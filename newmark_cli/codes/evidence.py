@@ -88,7 +88,7 @@ class Told:
 
 
 @dataclass(frozen=True)
-class Marched:
+class OurMarch:
     """What a march of this tool's with the same step size leaves.
 
     Attributes:
@@ -143,7 +143,7 @@ def order_of(h: Array, gaps: Array, clear: Mask) -> float:
     return float(np.median(orders)) if orders else math.nan
 
 
-class Evidence:
+class SeriesErrors:
     """One series as the rules see it.
 
     Args:
@@ -169,7 +169,7 @@ class Evidence:
         runs: Sequence["Run"],
         problem: Problem,
         told: Told,
-        marched: Sequence[Marched],
+        marched: Sequence[OurMarch],
         single: bool,
         truth: Truth,
     ) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from newmark_cli.codes.evidence import PARTS, SYMBOLS, Evidence, Finding
+from newmark_cli.codes.evidence import PARTS, SYMBOLS, Finding, SeriesErrors
 from newmark_cli.support.arrays import Array
 
 #: Misfits of Φ that single precision leaves.
@@ -18,7 +18,7 @@ _FADED = 1e-3
 _POWERS = (0, 1, 2, -2, -1)
 
 
-def length(evidence: Evidence, label: str) -> Iterator[Finding]:
+def length(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Φ of one constraint missed by the same amount at every h and t."""
     problem, runs = evidence.problem, evidence.runs
     if len(runs) < 2 or not problem.m or not evidence.whole["u"]:
@@ -50,7 +50,7 @@ def length(evidence: Evidence, label: str) -> Iterator[Finding]:
                   True, {"misfit": missed})  # fmt: skip
 
 
-def single(evidence: Evidence, label: str) -> Iterator[Finding]:
+def single(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Φ that is noise of the size of single precision."""
     if not evidence.whole["u"] or not evidence.problem.m or evidence.resolution["u"] > 1e-9:
         return
@@ -75,7 +75,7 @@ def single(evidence: Evidence, label: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def constraints(evidence: Evidence, label: str) -> Iterator[Finding]:
+def constraints(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Φ above rounding: held at another level, or by an iteration that ends early."""
     told, last_u = evidence.told, evidence.last("u")
     if not evidence.whole["u"] or not evidence.problem.m or last_u.max() > 1:
@@ -128,12 +128,12 @@ def constraints(evidence: Evidence, label: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _after_start(evidence: Evidence, k: int) -> Array:
+def _after_start(evidence: SeriesErrors, k: int) -> Array:
     run = evidence.runs[k]
     return evidence.misfit(k)[run.t > evidence.t0 + 0.5 * evidence.step_of(run)]
 
 
-def _held(evidence: Evidence, k: int, missed: float) -> tuple[str, str, str] | None:
+def _held(evidence: SeriesErrors, k: int, missed: float) -> tuple[str, str, str] | None:
     """What is held in place of Φ: its symbol, level and formulation."""
     run = evidence.runs[k]
     later = run.t > evidence.t0
@@ -151,7 +151,7 @@ def _held(evidence: Evidence, k: int, missed: float) -> tuple[str, str, str] | N
     return None
 
 
-def alternation(evidence: Evidence, label: str) -> Iterator[Finding]:
+def alternation(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """λ less what u and v imply, of opposite signs in successive rows and no smaller with h."""
     if not all(evidence.whole.values()):
         return
@@ -182,7 +182,7 @@ def alternation(evidence: Evidence, label: str) -> Iterator[Finding]:
                   {"amplitude": seen[-1][1], "h": seen[-1][0]})  # fmt: skip
 
 
-def in_pairs(evidence: Evidence) -> bool:
+def in_pairs(evidence: SeriesErrors) -> bool:
     """Whether the smaller step sizes have three successive rows, so that λ would alternate."""
     return all(
         (np.abs(np.diff(run.t)[-2:] - run.size) < 1e-6 * run.size).sum() > 1
@@ -190,7 +190,7 @@ def in_pairs(evidence: Evidence) -> bool:
     )
 
 
-def factors(evidence: Evidence) -> list[tuple[str, float, int]]:
+def factors(evidence: SeriesErrors) -> list[tuple[str, float, int]]:
     """Constraint, factor and power of h where λ is that times what u and v imply, at all rows."""
     if not all(evidence.whole.values()) or len(evidence.runs) < 2:
         return []
@@ -232,7 +232,7 @@ _KNOWN = {
 }
 
 
-def reason(evidence: Evidence, name: str, factor: float, power: int) -> str:
+def reason(evidence: SeriesErrors, name: str, factor: float, power: int) -> str:
     """What usually gives a factor of λ; empty where nothing known does."""
     for (value, of_power), why in _KNOWN.items():
         if power == of_power and abs(factor / value - 1) < 0.02:

@@ -41,7 +41,7 @@ class CodeError(Exception):
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RunRequest:
     """One run that another code is asked for.
 
     Attributes:
@@ -82,14 +82,14 @@ class OtherCode(ABC):
         return self.name
 
     @abstractmethod
-    def run(self, wanted: Wanted) -> Run | None:
+    def run(self, wanted: RunRequest) -> Run | None:
         """The run, with the rows that the code gave; None of a twin that it cannot give.
 
         Raises:
             CodeError: When there is none.
         """
 
-    def _read(self, source: Any, wanted: Wanted) -> Run:
+    def _read(self, source: Any, wanted: RunRequest) -> Run:
         """The one run of a table, which need not say its step size."""
         columns = {"h": repr(wanted.h), **dict(self.columns)}
         try:
@@ -126,7 +126,7 @@ class Program(OtherCode):
     command: tuple[str, ...]
     folder: Path
 
-    def run(self, wanted: Wanted) -> Run | None:
+    def run(self, wanted: RunRequest) -> Run | None:
         """What it prints; see `OtherCode.run`."""
         if wanted.twin and not any("{u0}" in word for word in self.command):
             return None
@@ -161,7 +161,7 @@ class Program(OtherCode):
             process.wait()
 
 
-def _filled(word: str, wanted: Wanted) -> str:
+def _filled(word: str, wanted: RunRequest) -> str:
     """A word of a command with the numbers of a run, to the last digit."""
     steps = round((wanted.t_end - wanted.problem.load().t0) / wanted.h)
     numbers = {
@@ -201,7 +201,7 @@ class PythonCode(OtherCode):
     function: str
     arguments: tuple[tuple[str, Any], ...] = ()
 
-    def run(self, wanted: Wanted) -> Run | None:
+    def run(self, wanted: RunRequest) -> Run | None:
         """What the function returns, in a process of its own; see `OtherCode.run`."""
         arguments = self, wanted.problem, wanted.h, wanted.t_end, wanted.u0, wanted.v0
 
@@ -276,7 +276,7 @@ class WrittenTable(OtherCode):
     path: Path
     series: str = ""
 
-    def run(self, wanted: Wanted) -> Run | None:
+    def run(self, wanted: RunRequest) -> Run | None:
         """The run of that step size, or of that twin of it; see `OtherCode.run`."""
         if digest([self.path]) != self.content:
             raise CodeError(f"{self.path.name} has changed since the run began")

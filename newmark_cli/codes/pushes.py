@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from newmark_cli.codes.evidence import SYMBOLS, Evidence, Finding
+from newmark_cli.codes.evidence import SYMBOLS, Finding, SeriesErrors
 from newmark_cli.codes.truth import Truth
 from newmark_cli.support.arrays import Array
 
@@ -60,7 +60,7 @@ class _Tried:
         return self.name not in ("averaging", "a(0)") and self.c == 1.0
 
 
-def first_order(evidence: Evidence, label: str) -> Iterator[Finding]:
+def first_order(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     """Errors like h, and the change of a step that explains them.
 
     A fault only where the method that the caller names has a higher order.
@@ -99,7 +99,7 @@ def first_order(evidence: Evidence, label: str) -> Iterator[Finding]:
     )  # fmt: skip
 
 
-def _allowed(evidence: Evidence) -> float:
+def _allowed(evidence: SeriesErrors) -> float:
     """What terms of higher order leave of an explanation, from the two smallest step sizes."""
     h, left = evidence.h, _LEAVES
     for part in ("u", "v"):
@@ -116,7 +116,7 @@ def _same(one: _Tried, other: _Tried) -> bool:
     return one is other or (one.name != "averaging" and names <= {"old force", "averaging"})
 
 
-def _pushes(evidence: Evidence, grid: Array) -> dict[str, Array]:
+def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
     """Name → (k, n) force over h, at the times of a grid."""
     problem, none = evidence.problem, np.zeros(evidence.problem.m)
     way = evidence.truth.at(grid)
@@ -150,7 +150,7 @@ def _pushes(evidence: Evidence, grid: Array) -> dict[str, Array]:
     return {name: push for name, push in pushes.items() if np.abs(push).max() > 1e-9 * size}
 
 
-def _tried(evidence: Evidence) -> list[_Tried]:
+def _tried(evidence: SeriesErrors) -> list[_Tried]:
     """Each change with the part of u and v that it leaves."""
     problem, run, h = evidence.problem, evidence.runs[-1], float(evidence.h[-1])
     rows, k = evidence.looked_at(run), len(evidence.runs) - 1
@@ -198,7 +198,7 @@ def _tried(evidence: Evidence) -> list[_Tried]:
     return tried
 
 
-def _free(evidence: Evidence, a: Array) -> Array:
+def _free(evidence: SeriesErrors, a: Array) -> Array:
     """The part of an acceleration at the start that the constraints allow."""
     problem = evidence.problem
     G = problem.evaluate(evidence.t0, problem.u0, problem.v0, np.zeros(problem.m)).G

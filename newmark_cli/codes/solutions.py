@@ -20,7 +20,7 @@ _GROWTH = {"lambda": 2.0, "multiplier": 2.0, "force": 2.0, "moment": 2.0,
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Solutions:
     """Solutions of a problem at the times of runs."""
 
     problem: Problem

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.codes.causes import explained, without_solution
-from newmark_cli.codes.changes import MechanismFile, file_of
-from newmark_cli.codes.evidence import PARTS, Finding, Marched, Told
+from newmark_cli.codes.changes import FileNumbers, file_of
+from newmark_cli.codes.evidence import PARTS, Finding, OurMarch, Told
 from newmark_cli.codes.given_references import reference_at
 from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Runs, names_of, read
-from newmark_cli.codes.solutions import Measured, Motion
+from newmark_cli.codes.solutions import Measured, Solutions
 from newmark_cli.codes.truth import NoMotion, Truth
 from newmark_cli.codes.undoing import undone
 from newmark_cli.library import judge_options
@@ -266,7 +266,7 @@ def judge(
     for run in runs.runs:
         method(run.method)
     given = None if reference is None else reference_at(Path(reference), solved)
-    motion, truth, unsolved = Motion(solved, {}, given), None, ""
+    motion, truth, unsolved = Solutions(solved, {}, given), None, ""
     try:
         motion.at(max(float(run.t[-1]) for run in runs.runs))  # which says why there is none
         truth = _truth(runs, solved)
@@ -321,7 +321,7 @@ def _explained(
     measurements: Sequence[Measured],
     truth: Truth,
     options: Mapping[str, Any],
-    file: MechanismFile | None,
+    file: FileNumbers | None,
 ) -> list[Finding]:
     """Findings on every series."""
     by_run = {id(one.run): _marched(one) for one in measurements}
@@ -329,7 +329,7 @@ def _explained(
     for label in dict.fromkeys(run.series for run in runs.runs):
         own = [run for run in runs.runs if run.series == label]
         told = _told(runs, own[-1].method, options)
-        marched = [by_run.get(id(run), Marched()) for run in own if run.ended and not run.twin]
+        marched = [by_run.get(id(run), OurMarch()) for run in own if run.ended and not run.twin]
         findings += explained(label, own, truth.problem, told, marched, truth, file, runs.single)
     return findings
 
@@ -362,12 +362,12 @@ def _unsought(runs: Runs, why: str) -> list[Finding]:
     return [Finding("no solution", run.series, text, False) for run in runs.runs[:1]]
 
 
-def _marched(measured: Measured) -> Marched:
+def _marched(measured: Measured) -> OurMarch:
     """What rounding and a march of ours leave of a run."""
     errors = {part: measured.errors.get(("error", part)) for part in PARTS}
     ours = {part: measured.ours.get(("error", part)) for part in PARTS}
     misfit = measured.ours.get(("invariant", "position"))
-    return Marched(
+    return OurMarch(
         {part: row.statistics.rounding for part, row in errors.items() if row},
         {part: row.statistics.max for part, row in ours.items() if row},
         misfit.statistics.max if misfit else math.nan,

@@ -11,7 +11,7 @@ import pandas as pd
 
 from newmark_cli.codes.evidence import printed
 from newmark_cli.codes.reading import STEP_SIZE, Run, Runs
-from newmark_cli.codes.solutions import Measured, Motion, roundings
+from newmark_cli.codes.solutions import Measured, Solutions, roundings
 from newmark_cli.library.scalings import read
 from newmark_cli.newmark.formulation import RECOVERED
 from newmark_cli.newmark.scaling import Preconditioning
@@ -55,7 +55,7 @@ def method(options: Mapping[str, Any]) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class _Loaded:
+class _AtHand:
     """A problem that is there already, as cells have one."""
 
     problem: Problem
@@ -77,7 +77,7 @@ def _cell(run: Run, problem: Problem, options: Mapping[str, Any]) -> Cell:
             if name in how}  # fmt: skip
     t_end = float(run.t[-1] - problem.t0)
     return Cell(
-        problem=cast(Any, _Loaded(problem)),
+        problem=cast(Any, _AtHand(problem)),
         form=OF_CASES["form"],
         preconditioning=Preconditioning(OF_CASES["preconditioning"]),
         h=run.size,
@@ -89,7 +89,7 @@ def _cell(run: Run, problem: Problem, options: Mapping[str, Any]) -> Cell:
     )
 
 
-def measured(runs: Runs, motion: Motion, options: Mapping[str, Any]) -> list[Measured]:
+def measured(runs: Runs, motion: Solutions, options: Mapping[str, Any]) -> list[Measured]:
     """Every run that ended, twins aside, with its errors.
 
     Args:
@@ -138,7 +138,7 @@ def _by_name(outcome: Outcome) -> dict[tuple[str, str], Measurement]:
 
 
 def slopes(
-    measurements: Sequence[Measured], runs: Runs, motion: Motion, options: Mapping[str, Any]
+    measurements: Sequence[Measured], runs: Runs, motion: Solutions, options: Mapping[str, Any]
 ) -> list[Slope]:
     """Series of the runs, judged by the rule of `check`.
 

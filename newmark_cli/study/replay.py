@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 
 from newmark_cli.codes.misfits import misfits_at
-from newmark_cli.codes.programs import CodeError, Wanted
+from newmark_cli.codes.programs import CodeError, RunRequest
 from newmark_cli.codes.reading import Run
 from newmark_cli.newmark.kept import KEPT, Kept
 from newmark_cli.newmark.march import March
@@ -44,7 +44,7 @@ _SAME_STEP = 1e-3
 SAME_TIME = 1e-11
 _EPS = float(np.finfo(float).eps)
 #: Cell, times → its march and the twins of it, as runs; none where it does not arrive.
-Marched = Callable[[Cell, Array], Sequence[Run]]
+OwnRuns = Callable[[Cell, Array], Sequence[Run]]
 
 
 def replayed(
@@ -65,7 +65,7 @@ def replayed(
     try:
         for twin in range(1 + cell.twins):
             u0, v0 = last_places_off(start, twin - 1) if twin else start
-            wanted = Wanted(
+            wanted = RunRequest(
                 cell.problem, cell.h, problem.t0 + cell.t_end, u0, v0, twin, lambda: on_steps(0)
             )
             begun = time.perf_counter()
@@ -84,7 +84,7 @@ def replayed(
     return measured(cell, runs, reference), seconds
 
 
-def _to_the_end(run: Run, wanted: Wanted) -> Run:
+def _to_the_end(run: Run, wanted: RunRequest) -> Run:
     """The rows up to the wanted end, which is among them."""
     slack = _SAME_STEP * wanted.h
     rows = run.t <= wanted.t_end + slack
@@ -104,7 +104,7 @@ def measured(
     cell: Cell,
     runs: Sequence[Run],
     reference: Reference | None,
-    marches: Marched | None = None,
+    marches: OwnRuns | None = None,
 ) -> Outcome:
     """Outcome of a cell from a run that came to its end, and the runs of its twins.
 
@@ -112,7 +112,7 @@ def measured(
         cell: The cell; its axes say which method the code claims to have.
         runs: The run, then those of its twins.
         reference: Solution at the end; errors are empty without it.
-        marches: In place of a march of this package: what is known of it, see `Marched`.
+        marches: In place of a march of this package: what is known of it, see `OwnRuns`.
     """
     problem, (run, *others) = cell.problem.load(), runs
     off = deviations(run, problem, reference)
