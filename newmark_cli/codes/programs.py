@@ -209,11 +209,11 @@ class PythonCode(OtherCode):
             wanted.look()
             return False
 
-        owner = self.path, self.content
         try:
             if apart.inside():
                 return self._read(solved(*arguments), wanted)
-            return self._read(apart.call(solved, arguments, None, owner, stopped), wanted)
+            # Each call runs the file anew; what it has imported is installed, and takes seconds.
+            return self._read(apart.call(solved, arguments, None, self.path, stopped), wanted)
         except (apart.ApartError, ArgumentError) as error:
             raise CodeError(str(error)) from None
 

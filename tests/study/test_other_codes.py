@@ -270,6 +270,29 @@ def test_mistakes_in_a_code_are_told(cli, study, codes, changes, message):
     assert message in line
 
 
+def test_codes_of_one_file_share_a_process_and_no_variables(cli, study):
+    """What they import is loaded once; what the file computes is computed anew in each call."""
+    counting = """\
+import os
+from mine import named
+made = []
+
+def solve(problem, h, t_end, u0, v0, label):
+    made.append(label)
+    with open("calls", "a") as file:
+        print(os.getpid(), label, len(made), file=file)
+    return named(problem, h, t_end, u0, v0)
+"""
+    (cli.folder / "counting.py").write_text(counting)
+    codes = [f"{{name: {k}, python: counting.py:solve, args: {{label: {k}}}}}" for k in "abc"]
+    cli("run", study(*codes, h="[1e-2, 5e-3]", twins=0), "--allow-code", "--jobs", "1")
+    lines = (cli.folder / "calls").read_text().splitlines()
+    pids, labels, counts = zip(*map(str.split, lines), strict=True)
+    assert len({*pids}) == 1
+    assert sorted(labels) == ["a", "a", "b", "b", "c", "c"]
+    assert {*counts} == {"1"}
+
+
 def test_what_needs_newtons_inside_is_only_of_newmark_study(cli, study):
     """A case may measure both; other codes have no rows of it, which is said."""
     config = study(
