@@ -283,15 +283,18 @@ def tables(
         from newmark_cli.report.judging import slopes
         from newmark_cli.report.reading.choosing import Choice
         from newmark_cli.report.tables import study_tables
+        from newmark_cli.study.csv_rows import read_record
 
-        series = Choice(measure, chosen).series(slopes.collect(folder, studies))
+        choice = Choice(measure, chosen)
+        series = choice.series(slopes.collect(folder, studies))
         layout = study_tables.from_options(rows, columns, as_list, shown) if choosing else None
         for study in studies:
             ours = [slope for slope in series if slope.study == study]
+            record = read_record(folder / f"{study}.csv")
             wanted = [layout] if layout else study_tables.defined(folder, study)
             for table_layout in wanted or [study_tables.USUAL]:
-                text = study_tables.report(ours, table_layout).written(written or "markdown")
-                screen.lines(text.rstrip() + "\n")
+                found = study_tables.report(ours, table_layout, record, choice.keeps)
+                screen.lines(found.written(written or "markdown").rstrip() + "\n")
         return 0
     if choosing:
         raise InputError("tables: options that choose rows, columns or series need a STUDY")

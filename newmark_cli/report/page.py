@@ -17,6 +17,7 @@ from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.tables import check, outcomes, paper_tables, study_tables
 from newmark_cli.report.tables.table import Report
+from newmark_cli.study.csv_rows import read_record
 from newmark_cli.support import files
 from newmark_cli.support.errors import InputError
 
@@ -132,7 +133,8 @@ def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
             reports += paper_tables.reports(ours)
         else:
             layouts = study_tables.defined(folder, study)
-            reports += [study_tables.report(ours, layout) for layout in layouts]
+            record = read_record(folder / f"{study}.csv")
+            reports += [study_tables.report(ours, layout, record) for layout in layouts]
     return [report for report in reports if report.tables]
 
 

@@ -60,7 +60,9 @@ VALUES = {
     "h_from": "largest step size of the fit",
     "h_to": "smallest step size of the fit",
     "least": "smallest value, and its step size",
+    "finest": "value at the smallest step size",
     "local_orders": "orders between successive step sizes",
     "verdict": "whether it is as predicted",
     "reason": "why the verdict is not a plain pass",
+    "failed": "why a cell failed",
 }

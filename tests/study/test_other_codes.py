@@ -1,6 +1,8 @@
 """Other codes as cells of a study: programs, Python functions, and tables of runs."""
 
+import io
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -69,6 +71,11 @@ def named(problem, h, t_end, u0, v0):
 
 def fails(problem, h, t_end, u0, v0):
     return 1 / 0
+
+def picky(problem, h, t_end, u0, v0):
+    if h < 6e-3:
+        raise ValueError(f"h = {h:g} | too small")
+    return solve(problem, h, t_end, u0, v0)
 
 def shapeless(problem, h, t_end, u0, v0):
     return [1.0, 2.0]
@@ -212,6 +219,37 @@ def test_codes_are_shown_chosen_and_expected(cli, study):
     wanted = written(1e-3, slice(None)).iloc[[0, 500, 1000]]
     for name in ("t", "u[P.x]", "v[P.y]"):
         np.testing.assert_allclose(kept[name], wanted[name], rtol=1e-12, atol=1e-15)
+
+
+def test_a_table_says_which_cells_failed_and_what_the_smallest_h_gives(cli, study):
+    """In the order of the config, with the code's own words."""
+    config = study(
+        "{name: none, python: mine.py:fails}", "{name: picky, python: mine.py:picky}",
+        "{name: bad, python: mine.py:solve, args: {g: 9.0}}", "{name: C, python: mine.py:solve}",
+        h="[2e-2, 1e-2, 5e-3, 2e-3]", twins=0, accept="failed", measure="[error]",
+        tables="[{rows: code, columns: quantity, values: [least, finest, failed]}]",
+    )  # fmt: skip
+    cli("run", config, "--allow-code")
+    lines = [line for line in cli("tables", "mine").stdout.splitlines() if line.startswith("|")]
+    names, _, *rows = ([cell.strip() for cell in re.split(r"(?<!\\)\|", x)[1:-1]] for x in lines)
+    assert names == ["code", "u", "v", "λ", "failed"]
+    none, picky, bad, verlet = rows
+    assert none == ["none", *"–––", "at 0.02, 0.01, 0.005, 0.002: "
+                    "ZeroDivisionError: division by zero"]  # fmt: skip
+    small = "ValueError: h = {0} \\| too small"
+    assert picky[-1] == f"at 0.005: {small.format(0.005)}; at 0.002: {small.format(0.002)}"
+    end = solution()[1]
+    off = {}
+    for h in (1e-2, 2e-3):
+        found = written(h)[["v[P.x]", "v[P.y]"]].to_numpy()[-1]
+        off[h] = f"{np.abs(found - end).max() / np.abs(end).max():.2g} at {h:g}"
+    assert (picky[2], verlet[2]) == (off[1e-2], off[2e-3])
+    assert re.fullmatch(r"\S+ at \S+: \S+ at 0\.002|\S+ at 0\.002", bad[1])
+    listed = cli("tables", "mine", "--list", "--values", "finest,failed", "--format", "csv")
+    frame = pd.read_csv(io.StringIO(listed.stdout)).set_index(["code", "quantity"])
+    last = table(cli)["last"].xs("error", level="measure")
+    assert frame.loc[("C", "u"), "finest"] == last["C", "u", 2e-3]
+    assert frame.loc[("none", "failed"), "failed"] == none[-1]
 
 
 PRINTS = f"command: [{sys.executable}, -c, "

@@ -143,6 +143,11 @@ class Slope:
         place = finite[np.argmin(self.values[finite])]
         return float(self.values[place]), float(self.h[place])
 
+    @property
+    def finest(self) -> tuple[float, float] | None:
+        """Value at the smallest step size, and that; None where there is none."""
+        return (float(self.values[-1]), float(self.h[-1])) if len(self.h) else None
+
     def __getattr__(self, name: str) -> str:
         if name == "key":
             raise AttributeError(name)
@@ -233,6 +238,15 @@ def study_slopes(
     return slopes
 
 
+def unmeasured(key: SeriesKey, role: str, reason: str = "") -> Slope:
+    """A series without values, of cells that failed: incomplete."""
+    none = np.array([])
+    return Slope(
+        (), key, role, none, none, none, none, (), none.astype(bool), power_law(none, none),
+        np.nan, np.nan, INCOMPLETE, reason,
+    )  # fmt: skip
+
+
 def write(folder: Path, slopes: Sequence[Slope]) -> None:
     """Write ``slopes.csv``: series of the figures first."""
     rest = sorted((s for s in slopes if not s.figures), key=lambda slope: slope.study)
@@ -311,11 +325,7 @@ class _Series:
 
     def failed(self) -> Slope:
         """It without a measure, of a cell that failed: incomplete."""
-        none = np.array([])
-        return Slope(
-            (), self.key, self.role, none, none, none, none, (), none.astype(bool),
-            power_law(none, none), np.nan, np.nan, INCOMPLETE,
-        )  # fmt: skip
+        return unmeasured(self.key, self.role)
 
     def _tolerance(self, record: Record, figures: Sequence[Figure]) -> float:
         """The strictest tolerance of the figures with the series, else that of its measure."""

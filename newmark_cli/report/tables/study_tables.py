@@ -1,5 +1,6 @@
 """Tables of a study: fitted orders, rows and columns by axis, as its config or a command says."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -10,14 +11,15 @@ import numpy as np
 from pydantic import ValidationError
 
 from newmark_cli.report.judging.fits import Fit, fit_parts, format_fit, format_order, power_law
-from newmark_cli.report.judging.slopes import Slope
+from newmark_cli.report.judging.slopes import Slope, unmeasured
 from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import grouped, select
 from newmark_cli.report.reading.words import joined_values
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
-from newmark_cli.study.axes import value_text
+from newmark_cli.study.axes import SeriesKey, is_among, value_text
+from newmark_cli.study.csv_rows import listed
 from newmark_cli.study.entries import TableConfig, table, tables
 from newmark_cli.study.showable import TABULATED, VALUES
 from newmark_cli.support.errors import InputError
@@ -26,6 +28,11 @@ from newmark_cli.support.errors import InputError
 USUAL = table(rows=["preconditioning"], columns=["quantity"])
 #: Values of each series in a list, by default.
 LISTED = ("slope", "stderr", "predicted", "verdict")
+
+#: Value of a table, and the quantity of the series that have no other.
+FAILED = "failed"
+#: Where a reason says that the code of a user's has failed.
+_PLACE = re.compile(r"[^:]+\.py, line \d+: ")
 
 #: Value → its text; for programs it is that of `Slope.row`.
 _TEXTS: Mapping[str, Callable[[Slope], str]] = {
@@ -37,10 +44,12 @@ _TEXTS: Mapping[str, Callable[[Slope], str]] = {
     "points": lambda slope: str(slope.fit.points),
     "h_from": lambda slope: _step(slope.span[0]),
     "h_to": lambda slope: _step(slope.span[1]),
-    "least": lambda slope: f"{slope.least[0]:.2g} at {slope.least[1]:g}" if slope.least else "",
+    "least": lambda slope: _point(slope, slope.least),
+    "finest": lambda slope: _point(slope, slope.finest),
     "local_orders": format_orders,
     "verdict": lambda slope: slope.verdict,
     "reason": lambda slope: slope.reason,
+    FAILED: lambda slope: slope.reason if slope.quantity == FAILED else "",
 }
 
 
@@ -50,6 +59,13 @@ def _marks(slope: Slope) -> str:
 
 def _step(h: float | None) -> str:
     return "" if h is None else f"{h:g}"
+
+
+def _point(slope: Slope, point: tuple[float, float] | None) -> str:
+    """A value and its step size, which needs no word where it is the only one."""
+    if point is None:
+        return ""
+    return f"{point[0]:.2g} at {point[1]:g}" if len(slope.h) > 1 else f"{point[0]:.2g}"
 
 
 def from_options(
@@ -75,9 +91,23 @@ def defined(folder: Path, study: str) -> Sequence[TableConfig]:
     return records.configured(folder / f"{study}.csv", "tables", tables)
 
 
-def report(slopes: Iterable[Slope], layout: TableConfig) -> Report:
-    """Tables of series; as a CSV, a list has numbers, and others have their entries."""
+def report(
+    slopes: Iterable[Slope],
+    layout: TableConfig,
+    record: Mapping[str, Any] | None = None,
+    keeps: Callable[[Slope], bool] = lambda slope: True,
+) -> Report:
+    """Tables of series; as a CSV, a list has numbers, and others have their entries.
+
+    Args:
+        slopes: Series of a study.
+        layout: What the tables show.
+        record: That of the study, which says why cells failed.
+        keeps: Whether a series that failed is shown.
+    """
     ours = [slope for slope in slopes if slope.measure]
+    if FAILED in layout.shown:
+        ours = [slope for slope in _with_failed(ours, layout, record or {}) if keeps(slope)]
     titled = groups(ours, layout)
     name = f"table-{layout.table}" if layout.table else "table"
     legend = _legend(layout, [slope for _, placed in titled for _, slope in placed])
@@ -90,13 +120,50 @@ def report(slopes: Iterable[Slope], layout: TableConfig) -> Report:
     return Report(name, tuple(tables), legend, rows, columns)
 
 
+def _with_failed(
+    slopes: Sequence[Slope], layout: TableConfig, record: Mapping[str, Any]
+) -> list[Slope]:
+    """Series that a layout chooses, and those that failed, in the order of the study's cells."""
+    chosen = {axis: of for axis, of in layout.choice.items() if axis not in ("measure", "quantity")}
+    measure = next((slope.measure for slope in select(slopes, **layout.choice)), "")
+    reasons: dict[SeriesKey, dict[str, list[str]]] = {}
+    for cell in listed(record, "cells"):
+        named = {**cell, "study": record["study"], "measure": measure, "quantity": FAILED}
+        why = str(cell.get("reason", "")) if cell["status"] == "failed" else ""
+        why = _PLACE.sub("", why.removeprefix(f"{cell.get('code')}: "), count=1)
+        reasons.setdefault(SeriesKey.of(named), {}).setdefault(why, []).append(f"{cell['h']:g}")
+    failed = [
+        unmeasured(key, "primary", _said(of_sizes))
+        for key, of_sizes in reasons.items()
+        if {*of_sizes} != {""}
+    ]
+    order = {key: place for place, key in enumerate(reasons)}
+
+    def place(slope: Slope) -> int:
+        cell = {"measure": measure, "quantity": FAILED, "row_block": ""}
+        return order.get(SeriesKey.of(slope.key.named() | cell), len(order))
+
+    every = [*select(slopes, **layout.choice), *select(failed, **chosen)]
+    return sorted(every, key=place)
+
+
+def _said(of_sizes: Mapping[str, Sequence[str]]) -> str:
+    """Why cells of a series failed, and at which step sizes where it has several."""
+    several = sum(map(len, of_sizes.values())) > 1
+    return "; ".join(
+        f"at {', '.join(sizes)}: {why}" if several else why
+        for why, sizes in of_sizes.items()
+        if why
+    )
+
+
 #: A column and a series in it.
 Placed = tuple[str, Slope]
 
 
 def groups(slopes: Iterable[Slope], layout: TableConfig) -> list[tuple[str, list[Placed]]]:
     """Title and entries of each table of a layout."""
-    ours = select(slopes, **layout.choice)
+    ours = [slope for slope in slopes if slope.quantity == FAILED or is_among(slope, layout.choice)]
     if not layout.across:
         return [(layout.title or ours[0].study, [("", slope) for slope in ours])] if ours else []
     across = {axis for heading in layout.headings or () for axis in heading.choice}
@@ -148,11 +215,17 @@ def _strongest(slopes: Sequence[Slope]) -> Slope:
 def _cross(title: str, placed: Sequence[Placed], layout: TableConfig) -> Table:
     rows = {axis: partial(_row_name, axis) for axis in layout.rows or ()}
     entries = [{**slope.key.named(), "column": column, "slope": slope} for column, slope in placed]
-    return pivoted(title, entries, rows, "column", lambda e: _entry(e["slope"], layout.shown))
+    columns = [column for column, slope in placed if slope.quantity != FAILED]
+    return pivoted(
+        title, entries, rows, "column", lambda e: _entry(e["slope"], layout.shown), columns
+    )
 
 
 def _entry(slope: Slope, values: Iterable[str]) -> str:
-    return ": ".join(filter(None, (_TEXTS[name](slope) for name in values))) or MISSING
+    if slope.quantity == FAILED:
+        return slope.reason
+    texts = dict.fromkeys(_TEXTS[name](slope) for name in values)  # one may be both
+    return ": ".join(filter(None, texts)) or MISSING
 
 
 def _row_name(axis: str, value: str) -> str:
@@ -177,6 +250,8 @@ def _record(slope: Slope, layout: TableConfig) -> Record:
     """A series for programs: axes of a list, and values as numbers."""
     row: dict[str, Any] = {**slope.row(), "predicted": slope.expected, "fitted": slope.fit.slope}
     row["least"] = slope.least[0] if slope.least else None
+    row["finest"] = slope.finest[0] if slope.finest else None
+    row[FAILED] = _TEXTS[FAILED](slope)
     names = layout.rows or ("study", *TABULATED)
     return {name: getattr(slope, name) for name in names} | {n: row[n] for n in layout.shown}
 

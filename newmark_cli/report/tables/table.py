@@ -47,6 +47,7 @@ def pivoted(
     rows: Mapping[str, Callable[[Any], str]],
     column: str,
     entry: Callable[[Any], str],
+    first: Iterable[Any] = (),
 ) -> Table:
     """A table of records, each an entry in the row and column that its values say.
 
@@ -55,9 +56,10 @@ def pivoted(
         rows: Key that tells rows apart → how its values are written; the names head columns.
         column: Key of which the values head the other columns.
         entry: What is written of a record.
+        first: Values of that key whose columns stand before others.
     """
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    across: dict[Any, None] = {}
+    across = dict.fromkeys(first)
     for record in records:
         across[record[column]] = None
         cells.setdefault(tuple(record[key] for key in rows), {})[record[column]] = entry(record)
