@@ -9,7 +9,7 @@ import pytest
 
 import newmark_cli as newmark
 from newmark_cli.codes.given_references import of_testset, reference_at
-from newmark_cli.codes.solutions import Motion
+from newmark_cli.codes.solutions import Solutions
 from newmark_cli.library import testset
 from newmark_cli.mechanisms import registry
 from newmark_cli.mechanisms.spec import Shipped
@@ -128,7 +128,7 @@ def test_studies_and_judge_find_the_reference(tmp_path):
     found = References(tmp_path, none).of(Shipped("double-four-bar"), 10.0)
     np.testing.assert_array_equal(found.u, reference.u)
     assert not [*tmp_path.iterdir()]
-    motion = Motion(registry.problem("double-four-bar"), {})
+    motion = Solutions(registry.problem("double-four-bar"), {})
     np.testing.assert_array_equal(motion.at(10.0).multipliers, reference.multipliers)
 
 
