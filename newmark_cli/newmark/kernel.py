@@ -149,7 +149,7 @@ def _begin(evaluate, derive, t, problem, extra, iterate, values, work, state):
 def _predict(problem, tables, sizes, history, iterate, new_past, state, s):
     """Collect what the past adds to step s, and set where Newton's iteration begins."""
     if sizes.which[s + 1] != sizes.which[s]:
-        change_size(sizes, s, state, new_past)
+        change_size(sizes, s, state.fields[3], state.past, new_past)
     collect_history(problem, tables, state.past, history)
     extrapolate(tables, state.past, iterate.moving)
     take_increments(iterate, state)

@@ -33,54 +33,57 @@ inlined = cached_njit(**_OPTIONS, inline="always")
 
 
 @compiled_part
-def change_size(sizes, s, state, new_past):
+def change_size(sizes, s, acceleration, past, new_past):
     """Take the numbers of the size of a step, and carry the past over to it."""
     for k in range(sizes.numbers.shape[0]):
         sizes.numbers[k] = sizes.rows[sizes.which[s + 1], k]
-    places = state.past.shape[0]
+    places = past.shape[0]
     for q in range(places):
-        for i in range(state.past.shape[1]):
-            value = sizes.carried[q, places] * state.fields[3, i]
+        for i in range(past.shape[1]):
+            value = sizes.carried[q, places] * acceleration[i]
             for k in range(places):
-                value += sizes.carried[q, k] * state.past[k, i]
+                value += sizes.carried[q, k] * past[k, i]
             new_past[q, i] = value
-    copy_matrix(new_past, state.past)
+    copy_matrix(new_past, past)
 
 
 @inlined
 def collect_history(problem, tables, past, history):
     """Set what the past (P, n) adds to the fields and to rows D, V and K."""
+    kept, weights, row_past = tables.kept, tables.past_weights, tables.row_past
+    mass_rows, mass_columns = problem.mass_rows, problem.mass_columns
+    mass_values, dynamic_past = problem.mass_values, tables.dynamic_past
+    fields, dynamics, rows = history.fields, history.dynamics, history.rows
     for f in range(3):
-        if not contains(tables.kept, f):
+        if not contains(kept, f):
             for i in range(past.shape[1]):
-                history.fields[f, i] = past[0, i] * tables.past_weights[f, 0]
+                fields[f, i] = past[0, i] * weights[f, 0]
             for q in range(1, past.shape[0]):
-                weight = tables.past_weights[f, q]
+                weight = weights[f, q]
                 for i in range(past.shape[1]):
-                    history.fields[f, i] += past[q, i] * weight
+                    fields[f, i] += past[q, i] * weight
     for i in range(past.shape[1]):
-        history.dynamics[i] = 0
-        for r in range(history.rows.shape[0]):
-            history.rows[r, i] = 0
+        dynamics[i] = 0
+        for r in range(rows.shape[0]):
+            rows[r, i] = 0
     for q in range(past.shape[0]):
-        weight = tables.dynamic_past[q]
-        for e in range(problem.mass_rows.shape[0]):
-            history.dynamics[problem.mass_rows[e]] += (
-                problem.mass_values[e] * weight * past[q, problem.mass_columns[e]]
-            )
-        for r in range(history.rows.shape[0]):
+        weight = dynamic_past[q]
+        for e in range(mass_rows.shape[0]):
+            dynamics[mass_rows[e]] += mass_values[e] * weight * past[q, mass_columns[e]]
+        for r in range(rows.shape[0]):
             for i in range(past.shape[1]):
-                history.rows[r, i] += tables.row_past[r, q] * past[q, i]
+                rows[r, i] += row_past[r, q] * past[q, i]
 
 
 @inlined
 def extrapolate(tables, past, moving):
     """Set u = u_n + h v_n, and v and a to what the update relations give with it."""
+    predictor = tables.predictor
     for f in range(3):
         for i in range(past.shape[1]):
-            moving[f, i] = past[0, i] * tables.predictor[f, 0]
+            moving[f, i] = past[0, i] * predictor[f, 0]
         for q in range(1, past.shape[0]):
-            weight = tables.predictor[f, q]
+            weight = predictor[f, q]
             if weight != 0:
                 for i in range(past.shape[1]):
                     moving[f, i] += past[q, i] * weight
@@ -89,14 +92,14 @@ def extrapolate(tables, past, moving):
 @inlined
 def take_increments(iterate, state):
     """Compensated: set Δ = h v_n + w, and u, v and a to where the increments lead."""
+    h, moving, shift = iterate.h, iterate.moving, iterate.shift
+    past, lows, fields = state.past, state.lows, state.fields
     if iterate.compensated:
-        for i in range(state.fields.shape[1]):
-            iterate.shift[i] = iterate.h[0] * state.past[1, i] + (
-                iterate.h[0] * state.lows[1, i] + iterate.moving[0, i]
-            )
-            state.fields[0, i] = state.past[0, i] + (state.lows[0, i] + iterate.shift[i])
-            state.fields[1, i] = state.past[1, i] + (state.lows[1, i] + iterate.moving[1, i])
-            state.fields[2, i] = iterate.moving[2, i]
+        for i in range(fields.shape[1]):
+            shift[i] = h[0] * past[1, i] + (h[0] * lows[1, i] + moving[0, i])
+            fields[0, i] = past[0, i] + (lows[0, i] + shift[i])
+            fields[1, i] = past[1, i] + (lows[1, i] + moving[1, i])
+            fields[2, i] = moving[2, i]
 
 
 # -- in every correction -----------------------------------------------------------------
@@ -138,25 +141,27 @@ def evaluate_past(evaluate, t, problem, state, values, g_old):
 @inlined
 def assemble_residual(problem, tables, history, moving, force, rhs):
     """Set row blocks D and the kept ones of V and K of −D_L b."""
-    n, p, extra = moving.shape[1], tables.kept.shape[0], tables.row_weights.shape[0]
+    kept, left, weights = tables.kept, tables.left, tables.dynamic_weights
+    row_weights, of_rows, dynamics = tables.row_weights, history.rows, history.dynamics
+    mass_rows, mass_columns = problem.mass_rows, problem.mass_columns
+    mass_values = problem.mass_values
+    n, p, extra = moving.shape[1], kept.shape[0], row_weights.shape[0]
     for i in range(n):
-        rhs[i] = force[i] - history.dynamics[i]
+        rhs[i] = force[i] - dynamics[i]
     for k in range(p):
-        weight = tables.dynamic_weights[k]
+        weight = weights[k]
         if weight != 0:
-            source = tables.kept[k]
-            for e in range(problem.mass_rows.shape[0]):
-                rhs[problem.mass_rows[e]] -= (
-                    problem.mass_values[e] * weight * moving[source, problem.mass_columns[e]]
-                )
+            source = kept[k]
+            for e in range(mass_rows.shape[0]):
+                rhs[mass_rows[e]] -= mass_values[e] * weight * moving[source, mass_columns[e]]
     for i in range(n):
-        rhs[i] *= tables.left[0]
+        rhs[i] *= left[0]
     for r in range(extra):
         for i in range(n):
-            residual = history.rows[r, i]
+            residual = of_rows[r, i]
             for k in range(p):
-                residual += tables.row_weights[r, k] * moving[tables.kept[k], i]
-            rhs[(1 + r) * n + i] = -tables.left[1 + r] * residual
+                residual += row_weights[r, k] * moving[kept[k], i]
+            rhs[(1 + r) * n + i] = -left[1 + r] * residual
 
 
 @inlined
@@ -259,13 +264,14 @@ def take_norms(tables, correction, n, m, rows, norms):
     Returns:
         The square of its displacement part, in physical units.
     """
-    p, displacement_square = tables.kept.shape[0], 0.0
+    kept, weights, right = tables.kept, tables.weights, tables.right
+    p, displacement_square = kept.shape[0], 0.0
     for k in range(p):
         block = 0.0
         for i in range(k * n, (k + 1) * n):
             block += np.float64(correction[i]) * correction[i]
         norms[k] = np.sqrt(block)
-        to_displacement = np.float64(tables.weights[0, k]) * tables.right[k]
+        to_displacement = np.float64(weights[0, k]) * right[k]
         displacement_square += to_displacement * to_displacement * block
     for row in range(rows):
         block = 0.0
@@ -278,29 +284,31 @@ def take_norms(tables, correction, n, m, rows, norms):
 @inlined
 def correct(tables, correction, moving, multipliers):
     """Apply a correction to the kept fields and to λ, where that is an unknown."""
-    n, p = moving.shape[1], tables.kept.shape[0]
+    kept, right = tables.kept, tables.right
+    n, p = moving.shape[1], kept.shape[0]
     for k in range(p):
-        field = tables.kept[k]
+        field = kept[k]
         for i in range(n):
-            moving[field, i] += tables.right[k] * correction[k * n + i]
+            moving[field, i] += right[k] * correction[k * n + i]
     if correction.shape[0] > p * n:
         for i in range(multipliers.shape[0]):
-            multipliers[i] += tables.right[p] * correction[p * n + i]
+            multipliers[i] += right[p] * correction[p * n + i]
 
 
 @inlined
 def recover(tables, history, past, moving, first, last):
     """Evaluate the eliminated fields from the first to the last afresh from the kept ones."""
-    kept, weights = tables.kept, tables.weights
+    kept, weights, differenced = tables.kept, tables.weights, tables.differenced
+    of_past = history.fields
     for f in range(first, last + 1):
         if not contains(kept, f):
             for i in range(moving.shape[1]):
-                value = history.fields[f, i]
+                value = of_past[f, i]
                 for k in range(kept.shape[0]):
                     weight = weights[f, k]
                     if weight != 0:
                         change = moving[kept[k], i]
-                        if tables.differenced[f] != 0:
+                        if differenced[f] != 0:
                             change -= past[kept[k], i]
                         value += weight * change
                 moving[f, i] = value
@@ -309,11 +317,12 @@ def recover(tables, history, past, moving, first, last):
 @inlined
 def form_acceleration(tables, state):
     """Set the true acceleration v' from the new a and the past."""
-    for i in range(state.fields.shape[1]):
-        value = tables.acceleration[0] * state.fields[2, i]
-        for q in range(state.past.shape[0]):
-            value += tables.acceleration[1 + q] * state.past[q, i]
-        state.fields[3, i] = value
+    weights, fields, past = tables.acceleration, state.fields, state.past
+    for i in range(fields.shape[1]):
+        value = weights[0] * fields[2, i]
+        for q in range(past.shape[0]):
+            value += weights[1 + q] * past[q, i]
+        fields[3, i] = value
 
 
 # -- when Newton's iteration ends --------------------------------------------------------
@@ -324,24 +333,30 @@ def is_small(tables, schedule, state, room, norm, displacement_square):
     """Whether a correction is in the terminal phase, or meets the test."""
     if schedule.test == BY_ROUNDING:
         return displacement_square < threshold(schedule, state.fields) or norm == 0
-    return _passes(tables, schedule, state, room.last_fields, room.last_multipliers, norm)
+    last = room.last_fields, room.last_multipliers
+    return _passes(
+        schedule, tables.kept, tables.right, last, (state.fields, state.multipliers), norm
+    )
 
 
 @compiled_part
-def _passes(tables, schedule, state, last_fields, last_multipliers, norm):
-    """Whether a correction meets the test; the residual is tested after the next evaluation."""
+def _passes(schedule, kept, right, last, now, norm):
+    """Whether a correction meets the test; the residual is tested after the next evaluation.
+
+    What was before it and what is now are fields (4, n) and multipliers (m,).
+    """
     if schedule.test == BY_FIELD:
         passes = True
         for f in range(3):
             limits = schedule.limits[f, 0], schedule.limits[f, 1]
-            passes = passes and _changed_little(limits, last_fields[f], state.fields[f])
+            passes = passes and _changed_little(limits, last[0][f], now[0][f])
         limits = schedule.limits[3, 0], schedule.limits[3, 1]
-        return passes and _changed_little(limits, last_multipliers, state.multipliers)
+        return passes and _changed_little(limits, last[1], now[1])
     if schedule.test != BY_CORRECTION:
         return False
     limit = schedule.limits[0, 0]
     if schedule.limits[0, 1] > 0:
-        limit += schedule.limits[0, 1] * _scaled_size(tables, state.fields, state.multipliers)
+        limit += schedule.limits[0, 1] * _scaled_size(kept, right, now[0], now[1])
     return norm <= limit
 
 
@@ -358,7 +373,7 @@ def _changed_little(limits, last, now):
     return square <= now.shape[0]
 
 
-@compiled_part
+@inlined
 def look(tables, schedule, state, room, solves, first):
     """Before a correction: test the residual, or note from where the correction leads.
 
@@ -370,20 +385,20 @@ def look(tables, schedule, state, room, solves, first):
         copy_vector(state.multipliers, room.last_multipliers)
     if schedule.test != BY_RESIDUAL:
         return 0, first
-    size = _residual(tables, room.system.rhs, state.fields.shape[1], state.multipliers.shape[0])
+    of_motion, m = 1 + tables.row_weights.shape[0], state.multipliers.shape[0]
+    size = _residual(tables.left, room.system.rhs, of_motion, state.fields.shape[1], m)
     if solves == 0:
         return 0, size
     return int(size <= schedule.limits[0, 0] + schedule.limits[0, 1] * first), first
 
 
 @compiled_part
-def _residual(tables, rhs, n, m):
-    """Norm of the residual b before scaling, from −D_L b."""
-    of_motion = 1 + tables.row_weights.shape[0]
+def _residual(left, rhs, of_motion, n, m):
+    """Norm of the residual b before scaling, from −D_L b; its first rows are of motion."""
     square = 0.0
     for i in range(rhs.shape[0]):
         row = i // n if i < of_motion * n else of_motion + (i - of_motion * n) // m
-        value = np.float64(rhs[i]) / tables.left[row]
+        value = np.float64(rhs[i]) / left[row]
         square += value * value
     return np.sqrt(square)
 
@@ -395,9 +410,9 @@ def threshold(schedule, fields):
 
 
 @inlined
-def _scaled_size(tables, fields, multipliers):
+def _scaled_size(kept, right, fields, multipliers):
     """Norm of the unknowns as the solver sees them."""
-    kept, right, square = tables.kept, tables.right, 0.0
+    square = 0.0
     for k in range(kept.shape[0]):
         for i in range(fields.shape[1]):
             square += (np.float64(fields[kept[k], i]) / right[k]) ** 2
