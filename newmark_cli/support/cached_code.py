@@ -27,6 +27,9 @@ from newmark_cli.support.errors import ResultsError
 #: Bytes of a digest.
 _DIGEST = hashlib.sha256().digest_size
 
+#: Seconds to wait for another process that compiles the same function.
+_PATIENCE = 60
+
 #: Folders that were warned of.
 _warned: set[str] = set()
 
@@ -43,13 +46,22 @@ class _Cache(FunctionCache):
         name = re.sub(r"-\d+(?=\.py)", "", self._impl.filename_base)
         self._stem = str(Path(self.cache_path) / name)
         self._cache_file: Any = self
+        self._compiles = contextlib.ExitStack()  #: Holds what keeps others from compiling it.
 
     def load(self, key: tuple[Any, ...]) -> Any:
-        """What `save` was given; None if there is none, or it is damaged or out of date."""
+        """What `save` was given; None if there is none, or it is damaged or out of date.
+
+        The caller then compiles it, and other processes wait for what it saves.
+        """
         content = _read(*self._file(key))
         if content is None:
             compiling.begins()
+            self._compiles.close()
+            self._compiles.enter_context(_alone(self._file(key)[0]))
+            content = _read(*self._file(key))
+        if content is None:
             return None
+        self._compiles.close()
         return pickle.loads(content)
 
     def save(self, key: tuple[Any, ...], data: Any) -> None:
@@ -66,7 +78,7 @@ class _Cache(FunctionCache):
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Keep compiled code; where it cannot be kept, say so once."""
-        with _or_warning(self._cache_path):
+        with self._compiles, _or_warning(self._cache_path):
             super().save_overload(signature, data)
 
 
@@ -117,6 +129,20 @@ def kept_bytes(
             path.parent.mkdir(parents=True, exist_ok=True)
             _write(path, made_from, content)
     return content
+
+
+@contextlib.contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Wait while another process makes a file; not for long, as it may have stopped."""
+    import portalocker  # only what compiles waits for its import
+
+    lock = path.with_suffix(".lock")
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError, portalocker.LockException):
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            held.enter_context(portalocker.Lock(lock, timeout=_PATIENCE))
+        yield
+        lock.unlink(missing_ok=True)
 
 
 def _read(path: Path, made_from: str) -> bytes | None:

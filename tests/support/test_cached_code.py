@@ -116,6 +116,19 @@ def test_changes_of_other_files_are_noticed(tmp_path):
     assert law() == pytest.approx(2.479425538604203)
 
 
+def test_two_processes_compile_it_once(tmp_path):
+    """The second waits for what the first saves, and nothing of that is left."""
+    (tmp_path / "tripled.py").write_text(TRIPLE)
+    text = "import tripled; tripled.triple(2); print(*tripled.triple.stats.cache_hits.values())"
+    kept = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": str(tmp_path)}
+    both = [
+        subprocess.Popen([sys.executable, "-c", text], env=kept, stdout=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    assert sorted(one.communicate()[0].strip() for one in both) == ["", "1"]
+    assert not [*(tmp_path / "kept").rglob("*.lock")]
+
+
 def test_folders_that_cannot_be_written(tmp_path, monkeypatch):
     """A warning that names the folder, once."""
     kept_in(tmp_path, monkeypatch)
