@@ -19,6 +19,7 @@ from newmark_cli.codes.evidence import (
     OurMarch,
     SeriesErrors,
     Told,
+    is_single,
     order_of,
     printed,
 )
@@ -81,9 +82,21 @@ def explained(
             found.append(Finding("seen", label, f"runs of h = {sizes} end before the others"))
     else:
         found += _beyond_tolerance(evidence, label)
-    found += _of_start(evidence, label, found)
-    if told.steps and not _named(found, "start", "length"):
-        found += _of_motion(evidence, label, found, file)
+    late = [*_late(evidence, label)] if told.steps else []
+    # Rows of t = 0 that are those of another time, too, are no other start.
+    if not any("u" in one.evidence["parts"] for one in late if one.fault):
+        found += _of_start(evidence, label, found)
+    if _named(found, "start") and file is not None and file.document.get("motions"):
+        # The start of a mechanism that is driven otherwise is another one, too.
+        driven = [*_mechanism(evidence, label, file, False)]
+        if driven[0].name != "seen":
+            found = [one for one in found if one.name != "start"] + driven
+    elif _named(found, "start", "length"):
+        pass
+    elif told.steps:
+        found += _of_motion(evidence, label, found, late, file)
+    elif any(evidence.elsewhere(part) for part in ("u", "v")):
+        found += _mechanism(evidence, label, file, False)
     return [*found, *_out_of_reach(evidence, label), *_tangent(evidence, label)]
 
 
@@ -133,12 +146,15 @@ def _of_start(evidence: SeriesErrors, label: str, found: Sequence[Finding]) -> l
 
 
 def _of_motion(
-    evidence: SeriesErrors, label: str, before: Sequence[Finding], file: FileNumbers | None
+    evidence: SeriesErrors,
+    label: str,
+    before: Sequence[Finding],
+    late: Sequence[Finding],
+    file: FileNumbers | None,
 ) -> list[Finding]:
     """What u, v and λ say, where the start is the mechanism's."""
-    found = [*_late(evidence, label)]
-    every = [*before, *found]
-    if _named(every, "late", "clock", "single precision"):
+    found = [*late]
+    if _named([*before, *late], "late", "clock", "single precision"):
         return found
     found += _mixed(evidence, label)
     if _named(found, "mixed"):
@@ -195,8 +211,8 @@ def _clock(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     t = np.concatenate([run.t[run.t > evidence.t0] for run in evidence.runs])
     steps = [((run.t - evidence.t0) / run.size, run.size) for run in evidence.runs]
     off = max(float(np.abs(of - np.round(of)).max() * size) for of, size in steps)
-    in_float = np.all(t == t.astype(np.float32)) and not np.all(np.abs(t - np.round(t, 6)) < 1e-13)
-    if in_float and off > 1e-9 * evidence.end:
+    whole = np.all(np.abs(t - np.round(t, 6)) < 1e-13)
+    if not whole and is_single(t) and off > 1e-9 * evidence.end:
         yield Finding("clock", label, f"t is {off:.1e} s off whole steps and a number of single "
                       "precision: take t = k h in double", True, {"off": off})  # fmt: skip
 

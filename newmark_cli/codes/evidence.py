@@ -125,6 +125,21 @@ def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
     return max(10.0**-places, 10.0 ** (math.ceil(math.log10(size)) - digits)) / size
 
 
+def is_single(numbers: Array) -> bool:
+    """Whether all are numbers of single precision, as they are or printed with 9 digits.
+
+    Zeros, and what has three decimals, are of any.
+    """
+    telling = numbers[np.isfinite(numbers)]
+    telling = telling[telling != np.round(telling, 3)]
+    with np.errstate(over="ignore"):
+        single = telling.astype(np.float32)
+    same = telling == single
+    # Nine digits tell all numbers of single precision apart, and codes print no more of them.
+    same[~same] = np.char.mod("%.9g", single[~same]).astype(float) == telling[~same]
+    return bool(len(telling)) and bool(same.all())
+
+
 def order_of(h: Array, gaps: Array, clear: Mask) -> float:
     """Order of which differences of successive step sizes are, the median over pairs of them.
 
@@ -200,13 +215,9 @@ class SeriesErrors:
 
     def _in_float(self) -> bool:
         """Whether all numbers after the start are of single precision; round ones are of any."""
-        later = np.concatenate([
+        return is_single(np.concatenate([
             run.state[part][run.t > self.t0].ravel() for run in self.runs for part in PARTS
-        ])  # fmt: skip
-        later = later[np.isfinite(later)]
-        later = later[later != np.round(later, 3)]
-        with np.errstate(over="ignore"):
-            return bool(len(later)) and bool(np.all(later == later.astype(np.float32)))
+        ]))  # fmt: skip
 
     def error(self, part: str, run: int) -> Array:
         """(rows, size) by how much a run is off."""

@@ -140,15 +140,20 @@ def _held(evidence: SeriesErrors, k: int, missed: float) -> tuple[str, str, str]
     if not evidence.whole["v"]:
         return None
     rate = np.abs(evidence.misfit(k, rate=True)[later]).max(initial=0.0)
-    if rate < max(1e-2 * missed, 3 * evidence.resolution["v"], 2e-13):
-        return "Φ′", "velocities (index 2)", "index-2"
+    of_rate = "Φ′", "velocities (index 2)", "index-2"
+    last, end = evidence.runs[-1], len(evidence.runs) - 1
+    finest = np.abs(evidence.misfit(end, rate=True)[last.t > evidence.t0]).max(initial=0.0)
+    # What is held to a tolerance does not fall with h.
+    small = of_rate if rate < 1e-2 * missed and (finest > 0.1 * rate or k == end) else None
+    if rate < max(3 * evidence.resolution["v"], 2e-13):
+        return of_rate
     if not evidence.whole["lambda"]:
-        return None
+        return small
     off = (run.state["lambda"] - evidence.implied(k))[later] / evidence.scale["lambda"]
     gap = np.abs(off[np.isfinite(off)]).max(initial=0.0)
     if gap < max(1e-2 * missed, 10 * evidence.resolution["lambda"], 1e-10):
         return "Φ″", "accelerations (index 1)", "index-1"
-    return None
+    return small
 
 
 def alternation(evidence: SeriesErrors, label: str) -> Iterator[Finding]:

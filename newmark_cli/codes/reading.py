@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from newmark_cli.codes import table_files
+from newmark_cli.codes.evidence import is_single
 from newmark_cli.codes.formulas import Formula, column, formula
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, shown
@@ -150,7 +151,7 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         present,
         notes,
         table_files.most_digits(later[written].head(_LOOKED_AT)),
-        _is_single(np.concatenate([np.zeros(0), *as_written])),
+        is_single(np.concatenate([np.zeros(0), *as_written])),
     )
 
 
@@ -307,14 +308,6 @@ def _refuse_rows(table: "pd.DataFrame", abscissa: str, where: str, t0: float) ->
             "there twice; give each run a label in the column series, or twins their number in the "
             "column twin"
         )
-
-
-def _is_single(numbers: Array) -> bool:
-    """Whether all are numbers of single precision; zeros and ones are of any."""
-    telling = numbers[np.isfinite(numbers)]
-    telling = telling[telling != np.round(telling, 3)]
-    with np.errstate(over="ignore"):
-        return bool(len(telling)) and bool(np.all(telling == telling.astype(np.float32)))
 
 
 def some(names: Iterable[Any]) -> str:

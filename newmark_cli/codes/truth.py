@@ -37,7 +37,8 @@ class Truth:
         t_end: Last time (s) that will be asked for.
         u0, v0: Another start (n,).
         force: A further force.
-        curvature: Factor of κ in Gᵀa + κ = 0, which other codes may lack.
+        curvature: Factors of κ in Gᵀa + κ = 0, and of its part at v = 0, which is that of driven
+            constraints: other codes may lack either.
         tolerance: Local tolerance, relative to the largest coordinate and velocity.
 
     Raises:
@@ -52,7 +53,7 @@ class Truth:
         u0: Array | None = None,
         v0: Array | None = None,
         force: Force | None = None,
-        curvature: float = 1.0,
+        curvature: tuple[float, float] = (1.0, 1.0),
         tolerance: float = EXACT,
     ) -> None:
         self.problem, self._force, self._curvature, self._left = problem, force, curvature, _MOST
@@ -89,7 +90,10 @@ class Truth:
         gradient = np.bincount(self._places, values.g, minlength=n * m).reshape(n, m)
         matrix = self._matrix.copy()
         matrix[:n, n:], matrix[n:, :n] = -gradient, gradient.T
-        curvature = self._curvature * problem.constraint_derivatives(t, u, v)[1]
+        every, driven = self._curvature
+        curvature = every * problem.constraint_derivatives(t, u, v)[1]
+        if driven != 1:
+            curvature += (driven - 1) * problem.constraint_derivatives(t, u, np.zeros(n))[1]
         right = np.concatenate([force, -curvature])
         try:
             both = np.linalg.solve(matrix, right)

@@ -14,17 +14,20 @@ from scipy.optimize import linear_sum_assignment
 
 from newmark_cli.codes.truth import Truth
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array, IndexArray
+from newmark_cli.support.arrays import Array, IndexArray, Mask
 
 if TYPE_CHECKING:
     from newmark_cli.codes.reading import Run
 
 #: Units of length and time that people use, over m and s.
 _UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet"}
+_DEGREES = 180 / np.pi
 #: Runs of the smallest step sizes that are compared, at so many rows after the first steps.
 _RUNS, _ROWS = 2, 8
 #: Part of the largest value from which on a component tells something; how well a factor fits.
 _TELLING, _FITS = 0.02, 0.05
+#: Part of the largest value that columns in another order are off by, at least.
+_SWAPPED = 1e-3
 #: Error of u with which λ may be looked at.
 _RIGHT = 0.1
 _WORDS = {"u": "coordinates", "v": "velocities", "lambda": "multipliers", "output": "outputs"}
@@ -129,6 +132,9 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
                 text = (f"{part} is {value:g} times as large, and taken to be in {unit}"
                         f"{'/s' if part == 'v' else ''}")  # fmt: skip
                 yield Undone(part, text, partial(np.multiply, 1 / value))
+    if part in ("u", "v"):
+        yield from _in_degrees(part, names, fits & (np.abs(factor / _DEGREES - 1) < 0.03),
+                               telling, factor)  # fmt: skip
     turned = fits & (np.abs(factor + 1) < _FITS)
     others = telling & ~turned
     # Of coordinates all others must be right: else the motion is another one.
@@ -142,10 +148,21 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     cost = np.abs(mine[:, :, None] - there[:, None, :]).max(axis=0) / size
     order_of, place = linear_sum_assignment(cost)
     given, best = np.diag(cost).max(), cost[order_of, place].max()
-    if known.all() and given > 0.2 and best < _FITS * given and (place != order_of).any():
+    if known.all() and given > _SWAPPED and best < _FITS * given and (place != order_of).any():
         order, listed = np.argsort(place), ", ".join(names[k] for k in place)
         text = f"{_WORDS[part]} are in the order {listed}"
         yield Undone(part, text, lambda x: x[:, order])
+
+
+def _in_degrees(
+    part: str, names: Sequence[str], angles: Mask, telling: Mask, factor: Array
+) -> Iterator[Undone]:
+    """Angles in degrees, where all other coordinates are right."""
+    others = telling & ~angles
+    if angles.any() and (np.abs(factor - 1)[others] < 0.1).all():
+        of = ", ".join(name for name, it in zip(names, angles, strict=True) if it)
+        text = f"{part} of {of} is taken to be in degrees{'/s' if part == 'v' else ''}"
+        yield Undone(part, text, lambda x: x / np.where(angles, _DEGREES, 1.0))
 
 
 def _turned(part: str, names: Sequence[str]) -> str:
