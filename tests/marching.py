@@ -8,7 +8,7 @@ from newmark_cli.newmark import march_data
 from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import Formulation, Projection
-from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, Alpha, GeneralizedAlpha, Newmark
 from newmark_cli.newmark.linear.dense import DenseSystem
 from newmark_cli.newmark.march import March, initial_state
 from newmark_cli.newmark.march_data import counting
@@ -49,7 +49,7 @@ PROJECTIONS = [
 ]
 INTEGRATORS = [
     Newmark(), Newmark(0.3025, 0.6), GeneralizedAlpha(0.9), GeneralizedAlpha(0.0), HHT(0.1),
-    BDF1(), BDF2(),
+    Alpha(0.3025, 0.6, -0.1, 0.0), BDF1(), BDF2(),
 ]  # fmt: skip
 
 

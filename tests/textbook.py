@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from mpmath import matrix, mp, mpf, norm
 
-from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.integrator import BDF1, BDF2, HHT, Alpha, GeneralizedAlpha, Newmark
 
 Vector = list[mpf]
 
@@ -48,6 +48,8 @@ def relations(integrator, system: System, h: mpf, before: Motion, old: Motion, n
     match integrator:
         case Newmark(beta, gamma):
             alpha_m = alpha_f = 0
+        case Alpha(beta, gamma, alpha_m, alpha_f):
+            pass
         case GeneralizedAlpha(rho):
             # Chung and Hulbert (1993), eqs. 25, 17, 20
             rho = mpf(rho)

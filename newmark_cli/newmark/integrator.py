@@ -39,6 +39,10 @@ KEEP, RESCALE, RESTART, RESCALE_VELOCITY = "keep", "rescale", "restart", "rescal
 AUXILIARY = (RESCALE_VELOCITY, RESCALE, KEEP, RESTART)
 
 
+#: By how much coefficients may be off that are given in decimals.
+_ROUNDED = 1e-8
+
+
 class IntegratorError(InputError):
     """The parameters do not give a usable integrator; says which and why.
 
@@ -150,6 +154,11 @@ class Integrator(ABC):
     def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients at step size h (s), which is ``ratio`` times that of the step before."""
 
+    @property
+    def note(self) -> str:
+        """What a user should be told of its parameters; empty where there is nothing."""
+        return ""
+
 
 class _Alpha(Integrator):
     """Newmark's V and K in an auxiliary acceleration a, which v' follows.
@@ -158,7 +167,10 @@ class _Alpha(Integrator):
     (u_n, v_n, a_n, v'_n).
     """
 
-    order: ClassVar[int] = 2
+    @property
+    def order(self) -> int:
+        """Two where γ = ½ − α_m + α_f, as of any of these but `Alpha`."""
+        return 2
 
     @property
     @abstractmethod
@@ -346,6 +358,84 @@ class HHT(_Alpha):
 
 
 @dataclass(frozen=True)
+class Alpha(_Alpha):
+    """Any member of the family of Chung and Hulbert (1993), by its four coefficients.
+
+    With α_f = 0 it is the method of Wood, Bossak and Zienkiewicz (1980), whose α_B is α_m:
+    γ = ½ − α_B and β = (1 − α_B)²/4.
+
+    Attributes:
+        beta: β > 0.
+        gamma: γ; another one than ½ − α_m + α_f gives order 1.
+        alpha_m: α_m of inertial forces, at most ½.
+        alpha_f: α_f of the other forces, at most ½.
+
+    Raises:
+        IntegratorError: For coefficients with which the method is unstable.
+    """
+
+    description: ClassVar[str] = (
+        "any member of the generalized-α family, such as Wood, Bossak and Zienkiewicz's: alpha_m "
+        "= -0.1, alpha_f = 0; order 2 if gamma = 1/2 - alpha_m + alpha_f"
+    )
+    beta: float
+    gamma: float
+    alpha_m: float
+    alpha_f: float
+
+    def __post_init__(self) -> None:
+        for name, value in zip(("beta", "gamma", "alpha_m", "alpha_f"), self.parameters,
+                               strict=True):  # fmt: skip
+            if not np.isfinite(value):
+                raise IntegratorError(f"{name} = {value:g}: must be finite")
+        if self.beta <= 0:
+            raise IntegratorError(
+                f"beta = {self.beta:g}: must be positive, or the displacements would not "
+                "depend on the new acceleration and could not meet the constraints"
+            )
+        if self.alpha_m > 0.5:
+            raise IntegratorError(
+                f"alpha_m = {self.alpha_m:g}: must be at most 0.5; above it the auxiliary "
+                "acceleration grows by α_m/(α_m − 1) in every step, at any step size"
+            )
+        if not self.alpha_f < 1 or fading(self) > 1 + _ROUNDED:
+            name = "alpha_f" if self.alpha_f > 0.5 else "beta"
+            grows = fading(self) if self.alpha_f < 1 else np.inf
+            raise IntegratorError(
+                f"{name} = {getattr(self, name):g}: multipliers would grow by a factor of "
+                f"{grows:.3g} in every step; it takes α_f ≤ 1/2 and β ≥ γ/2"
+            )
+
+    @property
+    def parameters(self) -> tuple[float, float, float, float]:
+        """β, γ, α_m, α_f."""
+        return self.beta, self.gamma, self.alpha_m, self.alpha_f
+
+    @property
+    def order(self) -> int:
+        """Two for γ = ½ − α_m + α_f, else one."""
+        return 2 if abs(self.gamma - self._of_order_2) < _ROUNDED else 1
+
+    @property
+    def _of_order_2(self) -> float:
+        return 0.5 - self.alpha_m + self.alpha_f
+
+    @property
+    def note(self) -> str:
+        """That its order is 1, which γ has order 2, and what a smaller γ does."""
+        if self.order == 2:
+            return ""
+        gains = " and feeds energy into motions" if self.gamma < self._of_order_2 else ""
+        return (f"gamma = {self.gamma:g} is not 1/2 - alpha_m + alpha_f = {self._of_order_2:g}: "
+                f"the method has order 1{gains}")  # fmt: skip
+
+    @property
+    def damped(self) -> bool:
+        """Whether ρ∞ < 1."""
+        return fading(self) < 1 - _ROUNDED
+
+
+@dataclass(frozen=True)
 class BDF1(Integrator):
     """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
 
@@ -418,15 +508,16 @@ class BDF2(Integrator):
 
 
 #: Integrators by the name of their method; a class's fields are its parameters.
-INTEGRATORS: Mapping[str, type[Newmark | GeneralizedAlpha | HHT | BDF1 | BDF2]] = MappingProxyType(
-    {
+INTEGRATORS: Mapping[str, type[Newmark | GeneralizedAlpha | HHT | Alpha | BDF1 | BDF2]] = (
+    MappingProxyType({
         "newmark": Newmark,
         "generalized-alpha": GeneralizedAlpha,
         "hht": HHT,
+        "alpha": Alpha,
         "bdf1": BDF1,
         "bdf2": BDF2,
-    }
-)
+    })
+)  # fmt: skip
 
 
 def is_trapezoidal(integrator: Integrator) -> bool:

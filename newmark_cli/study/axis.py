@@ -129,7 +129,8 @@ _METHODS = {
     "bdf1": "BDF1",
     "bdf2": "BDF2",
 }
-_PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α"}
+_PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α", "alpha_m": "α_m",
+               "alpha_f": "α_f"}  # fmt: skip
 MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
 #: Kind of rows → the measures that give them, as `newmark_cli.study.measures` declares them.
 GIVEN_BY: dict[str, list[str]] = {}

@@ -62,6 +62,7 @@ from newmark_cli.study.measures import MEASURES
 from newmark_cli.study.subjects import problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
+from newmark_cli.support.errors import warn
 from newmark_cli.support.json_schema import JsonSchema, Shown
 from newmark_cli.support.spelling import closest
 
@@ -114,6 +115,8 @@ class OwnScaling(Valued):
 
 #: Values of parameters in the examples of error messages.
 _EXAMPLES = {"beta": 0.25, "gamma": 0.5, "rho": 0.9, "alpha": 0.1}
+#: Those of a method whose parameters have the names of another's.
+_OF_METHOD = {"alpha": {"beta": 0.3025, "gamma": 0.6, "alpha_m": -0.1, "alpha_f": 0.0}}
 
 
 class MethodConfig(Valued):
@@ -195,18 +198,19 @@ class IntegratorConfig(MethodConfig):
     AXIS = axes.named("integrator")
     METHODS = INTEGRATORS
     method: Annotated[str, Known("method", INTEGRATORS)] = "newmark"
-    beta: Number | None = Field(None, description="β of newmark, 0.25 when omitted")
-    gamma: Number | None = Field(None, description="γ of newmark, 0.5 when omitted")
+    beta: Number | None = Field(None, description="β of alpha, and of newmark, 0.25 when omitted")
+    gamma: Number | None = Field(None, description="γ of alpha, and of newmark, 0.5 when omitted")
     rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
     alpha: Number | None = Field(None, description="α of hht, 0 to 1/3")
+    alpha_m: Number | None = Field(None, description="α_m of alpha, of inertial forces")
+    alpha_f: Number | None = Field(None, description="α_f of alpha, of the other forces")
 
     @classmethod
     def example(cls, method: str = "") -> str:
         """How a config gives a method."""
         method = method or "generalized-alpha"
-        return (
-            f"{{method: {method}{''.join(f', {n}: {_EXAMPLES[n]:g}' for n in parameters(method))}}}"
-        )
+        values = _EXAMPLES | _OF_METHOD.get(method, {})
+        return f"{{method: {method}{''.join(f', {n}: {values[n]:g}' for n in parameters(method))}}}"
 
     @model_validator(mode="before")
     @classmethod
@@ -225,16 +229,18 @@ class IntegratorConfig(MethodConfig):
     @model_validator(mode="after")
     def _usable(self) -> "IntegratorConfig":
         allowed, values = parameters(self.method), self.parameters()
-        owners = {name: method for method in INTEGRATORS for name in parameters(method)}
+        owners = {name: method for method in [*INTEGRATORS][::-1] for name in parameters(method)}
         self._refuse_others(allowed, owners)
         example = f"for example {self.example(self.method)}"
         try:
-            self.value()
+            note = self.value().note
         except TypeError:
             missing = [name for name in allowed if name not in values]
             raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
         except IntegratorError as error:
             raise misfit(str(error).split()[0], f"{error}; {example}") from None
+        if note:
+            warn(f"integrator {self.method}: {note}")
         return self
 
     def value(self) -> Integrator:

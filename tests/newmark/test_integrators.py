@@ -27,6 +27,7 @@ from newmark_cli.newmark.integrator import (
     NEW_V,
     NEW_W,
     TRUE_ACCELERATION,
+    Alpha,
     GeneralizedAlpha,
     IntegratorError,
     Newmark,
@@ -44,6 +45,7 @@ ANY = st.one_of(
     st.builds(Newmark, st.floats(1e-300, 1e300), st.floats(0.5, 1e300)),
     st.builds(GeneralizedAlpha, st.floats(0, 1)),
     st.builds(HHT, st.floats(0, 1 / 3)),
+    st.builds(Alpha, st.floats(0.5, 9), st.floats(0.5, 1), st.floats(-9, 0.5), st.floats(-9, 0.5)),
     st.builds(BDF1),
     st.builds(BDF2),
 )
@@ -67,6 +69,11 @@ def test_labels_read_back(integrator):
         ("newmark beta=0.25 gamma=0.49", "gamma = 0.49: must be at least 0.5"),
         ("newmark beta=0.25 gamma=nan", "gamma = nan: must be at least 0.5"),
         ("generalized-alpha rho=nan", "rho = nan: must be within [0, 1]"),
+        ("alpha beta=0.2 gamma=0.6 alpha_m=0 alpha_f=0.1", "beta = 0.2: multipliers would grow"),
+        ("alpha beta=0.3 gamma=0.6 alpha_m=0.6 alpha_f=0.1", "alpha_m = 0.6: must be at most 0.5"),
+        ("alpha beta=1 gamma=0.6 alpha_m=0 alpha_f=0.7", "by a factor of 2.33 in every step"),
+        ("alpha beta=0 gamma=0.5 alpha_m=0 alpha_f=0", "beta = 0: must be positive"),
+        ("alpha beta=inf gamma=0.5 alpha_m=0 alpha_f=0", "beta = inf: must be finite"),
         ("hht alpha=0.34", "alpha = 0.34: must be within [0, 0.333333]"),
     ],
 )
