@@ -1,12 +1,15 @@
 """Scalings for notebooks: the factors of Table 2 as text and as numbers."""
 
+import sys
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from types import MappingProxyType, NoneType
 from typing import Any
 
 from newmark_cli.library import arguments
+from newmark_cli.newmark import own_integrator
 from newmark_cli.newmark.forms import FORMS, INDEX_3
 from newmark_cli.newmark.formulation import (
     CONSTRAINTS,
@@ -17,7 +20,7 @@ from newmark_cli.newmark.formulation import (
     FormulationError,
     Projection,
 )
-from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark
+from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark, parse
 from newmark_cli.newmark.kept import KEPT
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
@@ -200,9 +203,22 @@ def _scaling(name: str, value: Any) -> Preconditioning:
     return Preconditioning(arguments.one_of(name, value, VARIANTS))
 
 
-def _is_integrator(value: Any) -> bool:
-    """Whether it has what an integrator needs, whatever its class."""
-    return hasattr(value, "relations") and hasattr(value, "symbols") and not isinstance(value, type)
+_by_keys = _as_in_configs("IntegratorConfig", lambda value: isinstance(value, Integrator))
+
+
+def _integrator(name: str, value: Any) -> Integrator:
+    """An integrator, of a class of the caller's, too."""
+    if hasattr(value, "relations") and not isinstance(value, Integrator):
+        kind = value if isinstance(value, type) else type(value)
+        file = Path(getattr(sys.modules.get(kind.__module__), "__file__", None) or "notebook.py")
+        own: Integrator = own_integrator.of(f"{file.stem}.py:{kind.__name__}", value)
+        return own
+    if isinstance(value, str):
+        name, parts, _ = value.partition(" ")
+        if parts and own_integrator.NAMED.fullmatch(name):
+            return parse(value)  # a label, by which results name it
+    integrator: Integrator = _by_keys(name, value)
+    return integrator
 
 
 def _of(*kinds: Any) -> Callable[[Any], bool]:
@@ -224,7 +240,7 @@ _READERS: Mapping[str, _Reader] = MappingProxyType(
         "project": arguments.flag,
         "keep": partial(arguments.some_of, allowed=KEPT),
         "scaling": _scaling,
-        "integrator": _as_in_configs("IntegratorConfig", _is_integrator),
+        "integrator": _integrator,
         "formulation": _as_in_configs("FormulationConfig", _of(Formulation)),
         "projection": _as_in_configs("ProjectionConfig", _of(Projection)),
         "stop": _as_in_configs("StopConfig", _of(Tolerance, NoneType)),

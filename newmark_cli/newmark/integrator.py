@@ -221,6 +221,12 @@ def at_infinity(integrator: Integrator) -> tuple[Array, Array]:
 
 def fading(integrator: Integrator) -> float:
     """What a step leaves of an error of a and λ: ρ∞, the spectral radius at infinite frequency."""
+    known: float | None = getattr(integrator, "rho_infinity", None)
+    return spectral_radius(integrator) if known is None else known
+
+
+def spectral_radius(integrator: Integrator) -> float:
+    """ρ∞ from the relations."""
     advanced, _ = at_infinity(integrator)
     return float(np.abs(np.linalg.eigvals(advanced[:, :-1])).max())
 
@@ -563,6 +569,10 @@ def parse(label: str) -> Integrator:
         IntegratorError: If the label is not valid.
     """
     method, *arguments = plain_label(label).split(" ")
+    if ".py:" in method:
+        from newmark_cli.newmark import own_integrator  # which takes names from here
+
+        return own_integrator.read(label)
     if method not in INTEGRATORS:
         raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
     pairs = [part.partition("=") for part in arguments]

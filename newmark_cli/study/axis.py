@@ -143,6 +143,8 @@ def integrator_text(label: str) -> str:
     if label == TRAPEZOIDAL:
         return TRAPEZOIDAL_NAME
     method, *parameters = label.split()
+    if ".py:" in method:
+        return method
     pairs = (part.partition("=") for part in parameters)
     texts = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])

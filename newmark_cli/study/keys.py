@@ -1,6 +1,6 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -10,7 +10,10 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
+    PrivateAttr,
     Strict,
+    ValidationInfo,
+    WrapValidator,
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
@@ -34,6 +37,7 @@ from newmark_cli.newmark.integrator import (
 )
 from newmark_cli.newmark.kept import KEEPABLE, Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
+from newmark_cli.newmark.own_integrator import NAMED, OwnIntegrator
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import (
     BY_FIELD,
@@ -42,7 +46,7 @@ from newmark_cli.newmark.scheme import (
     Tolerance,
 )
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
-from newmark_cli.study import axes
+from newmark_cli.study import axes, own_classes
 from newmark_cli.study.axes import SATURATION
 from newmark_cli.study.axis import Axis
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
@@ -59,7 +63,7 @@ from newmark_cli.study.kinds import (
     unknown,
 )
 from newmark_cli.study.measures import MEASURES
-from newmark_cli.study.subjects import problem_of
+from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
 from newmark_cli.support.errors import warn
@@ -192,18 +196,29 @@ class MethodConfig(Valued):
         return str(self.value().label)
 
 
+def _or_own(value: Any, handler: Callable[[Any], Any]) -> Any:
+    """The name of a method, or of a class in a file."""
+    return value if isinstance(value, str) and NAMED.fullmatch(value) else handler(value)
+
+
 class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     AXIS = axes.named("integrator")
     METHODS = INTEGRATORS
-    method: Annotated[str, Known("method", INTEGRATORS)] = "newmark"
+    method: Annotated[
+        str,
+        Known("method", INTEGRATORS),
+        WrapValidator(_or_own),
+        Field(description="method, or `file.py:Class` of your own, which needs --allow-code"),
+    ] = "newmark"
     beta: Number | None = Field(None, description="β of alpha, and of newmark, 0.25 when omitted")
     gamma: Number | None = Field(None, description="γ of alpha, and of newmark, 0.5 when omitted")
     rho: Number | None = Field(None, description="ρ∞ of generalized-alpha, 0 to 1")
     alpha: Number | None = Field(None, description="α of hht, 0 to 1/3")
     alpha_m: Number | None = Field(None, description="α_m of alpha, of inertial forces")
     alpha_f: Number | None = Field(None, description="α_f of alpha, of the other forces")
+    _own: OwnIntegrator | None = PrivateAttr(None)
 
     @classmethod
     def example(cls, method: str = "") -> str:
@@ -227,7 +242,13 @@ class IntegratorConfig(MethodConfig):
         return f"{super().unknown_key(key)}; for example {cls.example(named[0] if named else '')}"
 
     @model_validator(mode="after")
-    def _usable(self) -> "IntegratorConfig":
+    def _usable(self, info: ValidationInfo) -> "IntegratorConfig":
+        if NAMED.fullmatch(self.method):
+            self._refuse_others((), dict.fromkeys(self.parameters(), "newmark"))
+            self._own = own_classes.loaded(self.method, info.context or Surroundings())
+            if self._own.note:
+                warn(f"integrator {self.method}: {self._own.note}")
+            return self
         allowed, values = parameters(self.method), self.parameters()
         owners = {name: method for method in [*INTEGRATORS][::-1] for name in parameters(method)}
         self._refuse_others(allowed, owners)
@@ -245,6 +266,8 @@ class IntegratorConfig(MethodConfig):
 
     def value(self) -> Integrator:
         """The core's value."""
+        if self._own is not None:
+            return self._own
         integrator: Integrator = INTEGRATORS[self.method](**self.parameters())
         return integrator
 
