@@ -214,8 +214,8 @@ def _integrator(name: str, value: Any) -> Integrator:
         own: Integrator = own_integrator.of(f"{file.stem}.py:{kind.__name__}", value)
         return own
     if isinstance(value, str):
-        name, parts, _ = value.partition(" ")
-        if parts and own_integrator.NAMED.fullmatch(name):
+        method, parts, _ = value.partition(" ")
+        if parts and own_integrator.NAMED.fullmatch(method):
             return parse(value)  # a label, by which results name it
     integrator: Integrator = _by_keys(name, value)
     return integrator
