@@ -173,8 +173,8 @@ def test_a_thousand_mistakes_are_counted(cli):
         (
             "{method: generalized_alpha, rho_inf: 0.9}",
             ["method: unknown method 'generalized_alpha'; did you mean 'generalized-alpha'?",
-             "rho_inf: unknown key; did you mean 'rho'? allowed: method, beta, gamma, rho, alpha, alpha_m, alpha_f; "
-             "for example {method: generalized-alpha, rho: 0.9}"],
+             "rho_inf: unknown key; did you mean 'rho'? allowed: method, beta, gamma, rho, alpha, "
+             "alpha_m, alpha_f; for example {method: generalized-alpha, rho: 0.9}"],
         ),
         ("generalized-alpha", ["method: generalized-alpha needs rho; for example "]),
         ("hht alpha=x", ["alpha must be a number, given 'hht alpha=x'"]),
