@@ -14,6 +14,8 @@ _SINGLE = (5e-9, 1e-6)
 _LAST, _OF_FACTOR = 20, 8
 #: What a damped alternation may have left at the end of a run that is looked at.
 _FADED = 1e-3
+#: What a factor differs from 1 by, at least: λ has rounding and an order of its own.
+_NEAR_ONE = 1e-4
 #: Powers of h that a factor of λ may have.
 _POWERS = (0, 1, 2, -2, -1)
 
@@ -219,7 +221,7 @@ def factors(evidence: SeriesErrors) -> list[tuple[str, float, int]]:
             scaled = c / evidence.h[-len(of) :] ** power
             unsure = max(spread / np.abs(c).min(), float(np.ptp(scaled / scaled[-1])),
                          float(evidence.floor("lambda")[-1]))  # fmt: skip
-            if unsure < 0.05 and (power or abs(scaled[-1] - 1) > 8 * unsure):
+            if unsure < 0.05 and (power or abs(scaled[-1] - 1) > max(8 * unsure, _NEAR_ONE)):
                 hits.append((name, float(scaled[-1]), power))
                 break
     return hits
