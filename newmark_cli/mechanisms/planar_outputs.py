@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, diags_array
 
 from newmark_cli.mechanisms.models import Body, Mechanism, Point
 from newmark_cli.mechanisms.positions import DENSE_UP_TO, solver_if_regular
@@ -111,26 +111,14 @@ class Pins:
         (rows, columns), values = self.mass
         n = int(self.sources.max()) + 1
         matrix = csc_array((values, (rows, columns)), (n, n))
-        diagonal = matrix.diagonal()
-        heavy = np.flatnonzero(diagonal > 0)
-        size = 1 / np.sqrt(diagonal[heavy])
-        scaled = csc_array(matrix[heavy][:, heavy] * size[:, None] * size)
-        solve = None
-        if len(heavy) <= DENSE_UP_TO:
-            solve = solver_if_regular(scaled.toarray())
-            if solve is None:
-                inverse = np.linalg.pinv(scaled.toarray(), rcond=1e-12, hermitian=True)
-                solve = inverse.__matmul__
-        else:
-            solve = solver(scaled)
-        chosen = solve
-
-        def accelerations(force: Array) -> Array:
-            a = np.zeros(n)
-            a[heavy] = size * chosen(size * force[heavy])
-            return a
-
-        return accelerations
+        heavy = matrix.diagonal() > 0
+        size = 1 / np.sqrt(np.where(heavy, matrix.diagonal(), 1.0))
+        scaled = csc_array(matrix * size[:, None] * size + diags_array(1.0 * ~heavy))
+        dense = n <= DENSE_UP_TO
+        solve = solver_if_regular(scaled.toarray()) if dense else solver(scaled)
+        if solve is None:
+            solve = np.linalg.pinv(scaled.toarray(), rcond=1e-12, hermitian=True).__matmul__
+        return lambda force: size * solve(size * force)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,10 +5,12 @@ import csv
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms import registry
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.report.drawing import draw_mechanism
 from newmark_cli.support import documents
 
 WITH_PINS = [
@@ -220,3 +222,33 @@ def test_points_on_bodies_in_space():
     np.testing.assert_array_equal(moved.output(f"{name}.y"), moved.point(name)[:, 1])
     usual = newmark.problem(data).outputs.names
     assert problem.outputs.names[: len(usual)] == usual
+
+
+def test_drawn_paths(cli):
+    """They go where a march's points go, in the figure's unit; the mechanism is at its start."""
+    problem = newmark.problem("stephenson-sixbar")
+    turned = newmark.march(problem, h=1e-4, t_end=0.02, every=20)
+    paths = draw_mechanism.paths(problem, ("E", "D"), [*turned.u])
+    np.testing.assert_allclose(paths["E"], 1e3 * turned.point("E") @ [1, 1j], rtol=1e-14)
+    assert set(paths["D"]) == {135}
+    axes = Figure().add_subplot()
+    key = draw_mechanism.draw_mechanism(axes, problem, problem.u0, paths=paths)
+    assert [line.get_label() for line in key][-2:] == ["path of E", "path of D"]
+    drawn = [line.get_xydata() @ [1, 1j] for line in axes.get_lines()]
+    assert any(len(line) == 11 and np.array_equal(line, paths["E"]) for line in drawn)
+    done = cli("draw", "four-bar", "--path", "D", "--path", "B", "--until", "0.02")
+    assert done.stdout == "results/figures/four-bar-path-D-B.png\n"
+    assert (cli.folder / "results/figures/four-bar-path-D-B.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--path", "Q", "--until", "0.1"], "--path: unknown point 'Q'; allowed: A, E, F, B, C, D"),
+        (["--path", "D"], "--path: needs --until T"),
+        (["--until", "1"], "--until: needs --path P"),
+        (["--path", "D", "--until", "1", "--at", "1"], "--path: is drawn with the mechanism at "),
+    ],
+)
+def test_paths_that_are_refused(cli, options, told):
+    assert cli.refused("draw", "four-bar", *options).startswith(f"newmark-study: {told}")
