@@ -127,6 +127,10 @@ def validate(files: tuple[str, ...], as_json: bool, allow_code: bool) -> int:
     return 2 if any(entry["mistakes"] for entry in checked) else 0
 
 
+#: Places on a path.
+_ON_PATH = 801
+
+
 @click.command()
 @click.argument("problem", metavar="PROBLEM")
 @results_folder
@@ -167,6 +171,14 @@ def validate(files: tuple[str, ...], as_json: bool, allow_code: bool) -> int:
     metavar="N",
     help="Number of frames of --animate.",
 )
+@click.option(
+    "--path",
+    "points",
+    multiple=True,
+    metavar="P",
+    help="Draw the path of point P from the start to --until; may be repeated.",
+)
+@click.option("--until", type=Number(0, min_open=True), metavar="T", help="Where paths end (s).")
 @formats_option
 @size_option
 @allow_code_option
@@ -178,6 +190,8 @@ def draw(
     method: str,
     animated: Path | None,
     frames: int,
+    points: tuple[str, ...],
+    until: float | None,
     formats: tuple[str, ...],
     size: tuple[float, float | None] | None,
     allow_code: bool,
@@ -186,8 +200,10 @@ def draw(
 
     PROBLEM is a shipped problem, a mechanism file, or a member of a family such as
     'chain(links=20)'.  Writes DIR/figures/<problem>.png, with --at T
-    <problem>-at-<T>.png.  The motion up to T is computed with numerical damping and
-    compared with a coarser one; a warning is printed if they differ visibly.
+    <problem>-at-<T>.png, with --path P <problem>-path-<P>.png: the mechanism at its start
+    and the path of a point over the motion to --until T.  The motion is computed with
+    numerical damping and compared with a coarser one; a warning is printed if they
+    differ visibly.
 
     \b
     Example:
@@ -195,6 +211,11 @@ def draw(
     """
     from newmark_cli.study import naming
 
+    if bool(points) != (until is not None):
+        raise InputError("--path: needs --until T" if points else "--until: needs --path P")
+    if points and (time or animated):
+        raise InputError("--path: is drawn with the mechanism at its start, without --at")
+    time = until or time
     if step is not None and step > time:
         raise InputError(f"--h: must be at most T = {time:g}, given {step:g}")
     if animated is not None and animated.suffix.lower() != ".gif":
@@ -214,14 +235,15 @@ def draw(
 
     if is_beyond(subject.until, time):
         raise InputError(
-            f"--at: must be at most {subject.until:g} s, where a table of {spec.label} ends, "
-            f"given {time:g} s"
+            f"--{'until' if points else 'at'}: must be at most {subject.until:g} s, where a table "
+            f"of {spec.label} ends, given {time:g} s"
         )
 
     integrator = keys.read("--integrator", method, keys.IntegratorConfig)
     places = [subject.u0]
+    ways = draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
     if time:
-        shown = frames if animated else 2
+        shown = frames if animated else _ON_PATH if points else 2
         moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)
         places = list(moved.positions)
         if moved.doubt:
@@ -234,10 +256,13 @@ def draw(
         titles = [f"{title}, t = {part * step:.{digits}f} s" for part in range(frames)]
         screen.line(draw_mechanism.animation(titles, subject, places, animated))
         return 0
-    title += f", t = {time:g} s" if time else ""
-    name = re.sub(r"[^\w-]+", "-", spec.label.removesuffix(".yaml")).strip("-") or "mechanism"
-    name += f"-at-{time:g}" if time else ""
-    figure = drawing.drawn(draw_mechanism.mechanism_sheet(title, subject, places[-1]), size)
+    ways = draw_mechanism.paths(subject, points, places)
+    title += f", {'to ' * bool(points)}t = {time:g} s" if time else ""
+    label = "-path-".join((spec.label.removesuffix(".yaml"), "-".join(points)))
+    name = re.sub(r"[^\w-]+", "-", label.removesuffix("-path-")).strip("-") or "mechanism"
+    name += f"-at-{time:g}" if time and not points else ""
+    shape = draw_mechanism.mechanism_sheet(title, subject, places[0 if points else -1], ways)
+    figure = drawing.drawn(shape, size)
     drawn = {f"{name}.{kind}": style.rendered(figure, kind) for kind in formats}
     for file in style.save(drawn, folder):
         screen.line(file)

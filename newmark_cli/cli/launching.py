@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("configs", nargs=-1, required=True, metavar="CONFIG...")
+@click.argument("configs", nargs=-1, required=True, metavar="CONFIG... [KEY=VALUE...]")
 @results_folder
 @running_options
 @flag("--dry-run", help="List every cell as done or to run, and why; run nothing.")
@@ -61,13 +61,20 @@ def run(
     an interrupted run resumes where it stopped.  Exits with 1 if a cell fails, or ends
     with a status that its study does not accept.
 
+    KEY=VALUE sets a key of the studies, as their files spell it.  What is changed like
+    this is another study, <study>-KEY-VALUE, or as study=NAME calls it.
+
     \b
     Example:
       newmark-study run pendulum-u my-study.yaml --results out
+      newmark-study run my-study.yaml h=[1e-3,1e-4] form=v-lambda
     """
-    from newmark_cli.study import config
+    from newmark_cli.study import config, overrides
 
-    studies = [config.find(name, allow_code, how.timeout) for name in configs]
+    names, settings = overrides.parsed(configs)
+    if not names:
+        raise click.UsageError("Missing argument 'CONFIG...'.")
+    studies = [config.find(name, allow_code, how.timeout, settings) for name in names]
     if dry_run:
         return _dry_run(studies, folder, how.force)
     how = replace(how, parquet=trajectories == "parquet", timed=timed, replace=replacing)

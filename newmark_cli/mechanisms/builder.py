@@ -15,7 +15,7 @@ import numpy as np
 from newmark_cli.mechanisms import elements, laws
 from newmark_cli.mechanisms.element_tables import ElementList, Shape, Term
 from newmark_cli.mechanisms.models import Law, MechanismModel
-from newmark_cli.problems.problem import Problem, Push
+from newmark_cli.problems.problem import Place, Problem, Push
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import Document, DocumentError, KeyPath
@@ -141,6 +141,11 @@ class Builder(ABC):
     @abstractmethod
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
         """Keys and words of motions (n, k) that have no inertia."""
+
+    def wanted(self, places: Mapping[str, Place]) -> dict[str, Place]:
+        """Those of the points on bodies, where the file asks for them as outputs."""
+        asked = self.mechanism.body_points if "points" in self.mechanism.outputs else ()
+        return {name: places[name] for name in asked}
 
     def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
         """Key, gradient (n,) and value of each rate that the file gives besides velocities."""

@@ -53,7 +53,7 @@ def built(name: str, document: Document, folder: Path | None = None) -> Problem:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
-    _require_mechanism(document)
+    require_mechanism(document)
     kind = _builder(document.data)
     try:
         mechanism = documents.validate(document, kind.model)
@@ -80,13 +80,15 @@ def built(name: str, document: Document, folder: Path | None = None) -> Problem:
     return replace(problem, doubts=guess.doubts(problem, document))
 
 
-def _require_mechanism(document: Document) -> None:
+def require_mechanism(document: Document) -> None:
     """Refuse a study, other dimensions, and what only mechanisms in space have in the plane."""
     data = document.data
     if not isinstance(data, dict):
         return
     if not is_mechanism(data) and not data.keys().isdisjoint(_OF_STUDIES):
-        raise document.error((), "is a study, not a mechanism; give the study's problem")
+        problem = data.get("problem")
+        instead = f", {problem}," if isinstance(problem, str) else ""
+        raise document.error((), f"is a study, not a mechanism; give its problem{instead} instead")
     dimensions = data.get("dimensions", 2)
     if isinstance(dimensions, bool) or dimensions not in (2, 3):
         raise document.error(("dimensions",), f"must be 2 or 3, given {dimensions!r:.40}")

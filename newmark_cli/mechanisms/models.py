@@ -502,6 +502,10 @@ class Mechanism(MechanismModel):
     rolling: dict[str, Rolling] = Field({}, description="wheels that roll on lines or circles")
     python_forces: dict[str, PythonForce] = Field({}, description="forces that code computes")
     gravity: Vector = Field((0.0, 0.0), description="acceleration of gravity (m/s²)")
+    outputs: list[Literal["points", "pins"]] = Field(
+        [],
+        description="further outputs: places of 'body_points', forces of pins on each body",
+    )
 
     @property
     def guessed(self) -> dict[KeyPath, Vector]:

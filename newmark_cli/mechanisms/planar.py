@@ -12,6 +12,7 @@ on angles is linear in them.  Other bodies keep to points.
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -39,7 +40,8 @@ from newmark_cli.mechanisms.models import (
     TorsionDamper,
     TorsionSpring,
 )
-from newmark_cli.problems.problem import Push
+from newmark_cli.mechanisms.planar_outputs import Pins, PlanarOutputs, taken_apart
+from newmark_cli.problems.problem import Place, Push
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.documents import KeyPath
 
@@ -145,10 +147,33 @@ class PlanarBuilder(builder.Builder):
 
     def described(self, kept: Sequence[int], shared: frozenset[str]) -> Mapping[str, Any]:
         """Its points and angles."""
+        places = {
+            name: self._place(site) for name, site in self.sites.items() if name not in self.moving
+        }
+        wanted, pins = self.wanted(places), self._pins
         return {
             "points_given": tuple(self.moving),
             "coordinates_given": tuple(self.turning),
+            "places": places,
+            "outputs": PlanarOutputs(wanted, pins) if wanted or pins else None,
         }
+
+    def _place(self, site: Weights) -> Place:
+        constant, terms = self.combination(site)
+        coordinates = [place + c for place, _, _ in terms for c in (0, 1)]
+        weights = np.array([[(a, -b), (b, a)] for _, a, b in terms]).reshape(-1, 2, 2)
+        blocks = np.transpose(weights, (1, 0, 2)).reshape(2, -1)
+        return Place(np.array(coordinates, np.int64), blocks, np.array(constant))
+
+    @cached_property
+    def _pins(self) -> Pins | None:
+        if "pins" not in self.mechanism.outputs:
+            return None
+        apart = PlanarBuilder(self.name, self.document, taken_apart(self.mechanism)).problem()
+        named = {
+            f"{name}.{c}": at + i for name, at in self.moving.items() for i, c in enumerate("xy")
+        }
+        return Pins.of(self.mechanism, apart, {**named, **self.turning}, self.mass)
 
     def without_inertia(self, u: Array, motions: Array) -> list[tuple[KeyPath, str]]:
         """Points that move without inertia, as words of errors."""
@@ -525,6 +550,9 @@ class PlanarBuilder(builder.Builder):
         for place, point in enumerate(force.on):
             with self.checked():
                 sites.append(self.site(point, (*path, "on", place)))
+                if "pins" in self.mechanism.outputs and point in self.mechanism.body_points:
+                    text = f"{point} is on a body, whose pins then cannot be told from this force"
+                    raise self.document.error((*path, "on", place), f"{text}; see 'outputs'")
         if len(sites) < len(force.on):
             raise Follows
         sums = [self.combination(site) for site in sites]

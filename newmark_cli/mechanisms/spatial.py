@@ -33,6 +33,7 @@ from newmark_cli.mechanisms.spatial_model import (
 )
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.algebra import norm, product
+from newmark_cli.problems.problem import Place
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.documents import KeyPath
 
@@ -92,11 +93,20 @@ class SpatialBuilder(builder.Builder):
         """Its bodies, joints and points."""
         names = tuple(self.numbers)
         owners = tuple(self.rows[row].owner for row in kept)
+        places = {name: self._point_of(side) for name, side in self.sites.items()}
         return {
             "points_given": tuple(f"{body}.{vector}" for body in names for vector in VECTORS),
             "axes": "xyz",
-            "outputs": SpatialOutputs(names, self.made, owners, shared),
+            "outputs": SpatialOutputs(names, self.made, owners, shared, self.wanted(places)),
+            "places": places,
         }
+
+    @staticmethod
+    def _point_of(side: Side) -> Place:
+        if side.body < 0:
+            return Place(np.zeros(0, np.int64), np.zeros((3, 0)), side.point)
+        coordinates = PER_BODY * side.body + np.arange(PER_BODY)
+        return Place(coordinates, np.kron([1.0, *side.point], np.eye(3)), np.zeros(3))
 
     def rates(self, u: Array) -> Iterator[tuple[KeyPath, Array, float]]:
         """Key, gradient (n,) at a position (n,), and value of each rate that the file gives.
@@ -368,7 +378,7 @@ class SpatialBuilder(builder.Builder):
                     assert motion.point is not None
                     side = self.of_body(motion.point, (*path, "point"))
                     axis = np.eye(3)["xyz".index(key)]
-                    now = float(product(axis, self._place(side)))
+                    now = float(product(axis, self._point_of(side)))
                     parameters = self.fitting(law, now, (*path, key))
                     self._follow(Sum(axis, ()), _site(side), (*path, key), parameters, law)
 

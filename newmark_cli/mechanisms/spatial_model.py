@@ -376,6 +376,9 @@ class SpatialMechanism(MechanismModel):
     torques: dict[str, SpatialTorque] = Field({}, description="torques")
     forces: dict[str, SpatialForce] = Field({}, description="forces at points of bodies")
     gravity: Vector = Field(_ORIGIN, description="acceleration of gravity (m/s²)")
+    outputs: list[Literal["points"]] = Field(
+        [], description="further outputs: places of 'body_points'"
+    )
     rates: dict[str, OneOrBoth] = Field(
         {}, description="relative rates of joints (rad/s, m/s), met while velocities are projected"
     )

@@ -8,14 +8,14 @@ Neither depends on how constraints are scaled, nor on the directions p and q of 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.problems.algebra import product
-from newmark_cli.problems.problem import Problem
+from newmark_cli.problems.problem import Place, Problem, said
 from newmark_cli.support.arrays import Array
 
 
@@ -80,12 +80,14 @@ class SpatialOutputs:
         joints: Joints by name.
         rows: (m,) joint of each constraint; no joint's name for others.
         shared: Joints with a share in what is redundant: their reactions are not unique.
+        places: Points of which the file asks for the places ``C.x`` (m), by name.
     """
 
     bodies: tuple[str, ...]
     joints: Mapping[str, Connection]
     rows: tuple[str, ...]
     shared: frozenset[str] = frozenset()
+    places: Mapping[str, Place] = field(default_factory=dict)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -108,7 +110,12 @@ class SpatialOutputs:
             found += [(name, "angle")] * kind.turns + [(name, "distance")] * kind.slides
             vectors = ["force"] + ["moment"] * bool(kind.dots)
             found += [(name, vector, axis) for vector in vectors for axis in "xyz"]
-        return found
+        return found + [(name, axis) for name in self.places for axis in "xyz"]
+
+    @property
+    def content(self) -> str:
+        """What the numbers depend on besides those of the problem."""
+        return said(self.places)
 
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
@@ -125,6 +132,8 @@ class SpatialOutputs:
             outputs += force.tolist()
             if kind.dots:
                 outputs += moment.tolist()
+        for place in self.places.values():
+            outputs += place.at(u).tolist()
         return np.array(outputs)
 
     def length(self, u: Array) -> float:

@@ -12,7 +12,7 @@ from newmark_cli.newmark.steps import TimeGrid
 KEPT = (*FIELDS, "lambda")
 #: What follows from u and v, where the problem has it.
 ENERGY = "energy"
-#: What the problem has names for besides: angular velocities and reactions of mechanisms in space.
+#: What the problem has names for besides: angular velocities, reactions, places of points.
 OUTPUT = "output"
 #: How far the constraints and their rate are missed.
 DRIFT = "drift"

@@ -282,7 +282,7 @@ class Trajectory:
 
     @property
     def output_names(self) -> tuple[str, ...]:
-        """Names of angular velocities, angles and reactions; none of most problems."""
+        """Names of angular velocities, reactions, and of what the file asks for as ``outputs``."""
         return self.problem.outputs.names if self.problem.outputs else ()
 
     @property
@@ -303,7 +303,7 @@ class Trajectory:
         return np.array(rows).reshape(len(self.t), -1)
 
     def output(self, name: str) -> Array:
-        """(k,) one output of a spatial mechanism, such as a reaction.
+        """(k,) one output of a mechanism, such as a reaction.
 
         Args:
             name: One of `output_names`.
@@ -340,8 +340,27 @@ class Trajectory:
         return self._field(field)[:, _place(name, "coordinate", self.coordinate_names)]
 
     def point(self, name: str, field: str = "u") -> Array:
-        """(k, 2) one moving point of a mechanism, (k, 3) of a spatial one; see `coordinate`."""
-        place, width = _place(name, "moving point", self.point_names), len(self.problem.axes)
+        """(k, 2) one point of a mechanism, (k, 3) of a spatial one; see `coordinate`.
+
+        Args:
+            name: One of `point_names`, or of the file's fixed points and ``body_points``.
+            field: ``"u"``, ``"v"`` or ``"a"``.
+
+        Raises:
+            ArgumentError: If there is no such point, or the field was not kept.
+
+        Examples:
+            The tip of the four-bar's coupler, to which a spring goes:
+
+            >>> import newmark_cli as newmark
+            >>> bars = newmark.march("four-bar", h=1e-3, t_end=1e-2)
+            >>> bars.point("D").shape
+            (11, 2)
+        """
+        known, places = self.point_names, self.problem.places
+        if name in places and name not in known:
+            return places[name].at(self._field(field), field)
+        place, width = _place(name, "point", (*known, *places)), len(self.problem.axes)
         return self._field(field)[:, width * place : width * place + width]
 
     def constraint(self, name: str) -> Array:

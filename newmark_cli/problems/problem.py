@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from newmark_cli.problems.algebra import product
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.errors import ArgumentError, InputError
 
@@ -73,6 +74,24 @@ class Terms(NamedTuple):
     G: Array  #: (n, m) Φ_uᵀ
 
 
+class Place(NamedTuple):
+    """A point of a mechanism that is no coordinate itself: W u + c, of some coordinates u."""
+
+    coordinates: IndexArray  #: (j,) which coordinates
+    weights: Array  #: (d, j) W
+    offset: Array  #: (d,) c (m)
+
+    def at(self, vectors: Array, field: str = "u") -> Array:
+        """(…, d) the point at positions (…, n), or what it has of another field of these."""
+        moved = product(vectors[..., self.coordinates], self.weights.T)
+        return np.asarray(moved + self.offset if field == "u" else moved)
+
+
+def said(places: Mapping[str, Place]) -> str:
+    """Names and numbers of points in full; empty without any."""
+    return "".join(f"{name} {[part.tolist() for part in of]}" for name, of in places.items())
+
+
 class Outputs(Protocol):
     """Outputs that follow from a state besides coordinates and multipliers, by name."""
 
@@ -83,6 +102,10 @@ class Outputs(Protocol):
     @property
     def not_unique(self) -> tuple[str, ...]:
         """Names of reactions that depend on which redundant constraints were dropped."""
+
+    @property
+    def content(self) -> str:
+        """What of the values depends on more than the problem's numbers; may be empty."""
 
     def values(self, problem: "Problem", t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
@@ -128,6 +151,7 @@ class Problem:
         rows_given: ``"exact"``, or ``"differences"`` where ``derivatives`` finds any of
             its results by numerical differentiation, with steps multiplied by ``reals[0, 0]``.
         outputs: What else the problem has names for, such as reactions; None without any.
+        places: Points of a mechanism that are no coordinates: fixed ones, and those on bodies.
         released: Names of constraints that were dropped because they are redundant.
         gaps: ``(t, u)`` → the largest gap of these, relative to the size of the mechanism, its
             constraint, and the largest of the others; None where none was dropped.
@@ -167,6 +191,7 @@ class Problem:
     constraints_given: Sequence[Sequence[str | int]] = ()
     rows_given: str = "exact"
     outputs: Outputs | None = None
+    places: Mapping[str, Place] = field(default_factory=dict)
     released: tuple[str, ...] = ()
     gaps: Callable[[float, Array], tuple[float, str, float]] | None = None
     until: float = math.inf
@@ -311,6 +336,7 @@ class Problem:
         for array in arrays:
             digest.update(f"{array.shape} {array.dtype.str}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(self.outputs.content.encode() if self.outputs else b"")
         return digest.hexdigest()
 
     def constraint_rows(self, t: float, u: Array, v: Array, w: Array) -> ConstraintRows:

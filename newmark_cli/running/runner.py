@@ -309,9 +309,31 @@ class _OpenRuns:
             self._studies[study].study,
             self._paths.get(study),
             tuple(done.outcome.status if done else "skipped" for _, done in ended),
-            tuple(f"{count} of {len(places)} cells {how}" for how, count in complaints.items()),
+            tuple(
+                f"{count} of {len(places)} cells {how}{_sizes(ended) if how == _COARSE else ''}"
+                for how, count in complaints.items()
+            ),
             sum(self._planned[i].done is not None for i in places),
         )
+
+
+#: A complaint about cells whose step size may be too large.
+_COARSE = "ended with status not_converged"
+
+
+def _sizes(ended: Iterable[tuple[Cell, Done | None]]) -> str:
+    """Step sizes at which Newton's iteration converged and did not, and what that advises."""
+    statuses: dict[float, set[str]] = {}
+    for cell, done in ended:
+        if done:
+            statuses.setdefault(cell.h, set()).add(done.outcome.status)
+    missed = [h for h in sorted(statuses, reverse=True) if "not_converged" in statuses[h]]
+    met = [h for h in sorted(statuses, reverse=True) if statuses[h] == {"ok"}]
+    texts = [", ".join(f"{h:g}" for h in sizes) for sizes in (missed, met)]
+    text = f", at h = {texts[0]}" + (f"; all converged at h = {texts[1]}" if met else "")
+    if met and max(met) < min(missed):
+        return f"{text}: a smaller h helps"
+    return f"{text}; a smaller h may help" if min(missed) == min(statuses) else text
 
 
 def _complaints(cell: Cell, outcome: Outcome) -> list[str]:

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, product, starmap
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from pydantic import Field, PrivateAttr, create_model
@@ -31,12 +32,12 @@ from newmark_cli.newmark.scaling import Preconditioning, ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.problems.problem import is_beyond
-from newmark_cli.study import axes, fitting, keys, other_codes, showable
+from newmark_cli.study import axes, fitting, keys, other_codes, overrides, showable
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.axis import ALIASES, Axis, label
 from newmark_cli.study.entries import Expectations, Figures, Tables
-from newmark_cli.study.kinds import MOST_STEPS, Name
+from newmark_cli.study.kinds import MOST_STEPS, NAMES, Name
 from newmark_cli.study.measures import MEASURES, Measure
 from newmark_cli.study.replay import OF_STATES
 from newmark_cli.study.subjects import Surroundings
@@ -62,6 +63,8 @@ BEYOND = (
 #: Shipped configs that take minutes, and are run by name only.
 APART = ("testset",)
 MOST_CASES = 500
+#: No settings of the command line.
+NOTHING: Mapping[str, str] = MappingProxyType({})
 # More is a slip of the finger, and would keep `validate` busy.
 _MOST_CELLS = 20_000
 _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
@@ -127,7 +130,8 @@ class _Rules(RuledModel):
                 yield misfit(
                     "h",
                     f"errors need a whole number of steps to t_end = {self.t_end:g}, given "
-                    f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}",
+                    f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}"
+                    f"{_fitting(self.t_end, h, self.h)}",
                 )
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
@@ -198,6 +202,11 @@ class _Rules(RuledModel):
         if end is None:
             return []
         return [(how, h, steps_until(end, h, how)) for how, h in every if end / h <= MOST_STEPS]
+
+    @classmethod
+    def missing_key(cls, key: str) -> str:
+        """Message for a key that must be given: names that are its values."""
+        return f"missing{nearest(None, NAMES[key])}" if key in NAMES else "missing"
 
     def variants(self) -> list[Preconditioning]:
         """Scalings in the order given."""
@@ -277,6 +286,17 @@ def _dividing(t_end: float, steps: int) -> str:
     return next(text for text in texts if abs(t_end / float(text) - steps) < 1e-7)
 
 
+def _fitting(t_end: float, h: float, sizes: Sequence[float]) -> str:
+    """The nearest end to which all step sizes go a whole number of times, in words."""
+    near = max(round(t_end / h), 1)
+    counts = range(max(near - 1000, 1), near + 1000)
+    for count in sorted(counts, key=lambda count: abs(count * h - t_end)):
+        shares = [count * h / size for size in sizes]
+        if all(abs(share - round(share)) <= 1e-6 for share in shares):
+            return f", or t_end = {count * h:.12g} fits"
+    return ""
+
+
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
     """Key of a config that an axis has."""
     default: Any = keys.KrylovConfig() if axis.name == "krylov" else axis.default
@@ -343,14 +363,16 @@ class Study(StrictModel):
 
 
 def load(
-    path: Path, name: str | None = None, allow_code: bool = False, timeout: float | None = None
-) -> Study:
-    """Study from a YAML file.
+    path: Path, name: str | None = None, allow_code: bool = False, timeout: float | None = None,
+    settings: Mapping[str, str] = NOTHING,
+) -> Study:  # fmt: skip
+    """Study from a YAML file, with other values of some keys.
 
     Keys of a case may stand at the top: they hold for every case that does not
     set them, and without ``cases`` they are the only case.
     """
-    study = parse(documents.read(path, name), Surroundings(path.parent, allow_code, timeout))
+    document = overrides.changed(documents.read(path, name), settings)
+    study = parse(document, Surroundings(path.parent, allow_code, timeout))
     study._origin = str(path.resolve())
     return study
 
@@ -541,24 +563,27 @@ def shipped_sums() -> Path:
     return _shipped.folder() / "results.json"
 
 
-def load_shipped(name: str) -> Study:
+def load_shipped(name: str, settings: Mapping[str, str] = NOTHING) -> Study:
     """The shipped config of this name, whatever lies in the current folder."""
-    study = load(_shipped.folder() / f"{name}.yaml", f"{name}.yaml")
+    study = load(_shipped.folder() / f"{name}.yaml", f"{name}.yaml", settings=settings)
     study._origin = name
     return study
 
 
-def find(config: str, allow_code: bool = False, timeout: float | None = None) -> Study:
+def find(
+    config: str, allow_code: bool = False, timeout: float | None = None,
+    settings: Mapping[str, str] = NOTHING,
+) -> Study:  # fmt: skip
     """Study from a file (``.yaml``, ``.yml`` or a path), or the shipped config of this name.
 
-    Loading a problem in Python takes ``timeout`` seconds at most.
+    Loading a problem in Python takes ``timeout`` seconds at most; for settings see `overrides`.
     """
     if config in shipped():
-        return load_shipped(config)
+        return load_shipped(config, settings)
     config = with_ending(config)
     path = Path(config)
     if path.suffix in (".yaml", ".yml"):
-        return load(path, config, allow_code, timeout)
+        return load(path, config, allow_code, timeout, settings)
     raise _no_study(config)
 
 

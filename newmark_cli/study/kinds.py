@@ -96,7 +96,7 @@ class Known:
 
 
 #: Key of a config → the names that are its values.
-_NAMES: Mapping[str, Collection[str]] = {
+NAMES: Mapping[str, Collection[str]] = {
     **{axis.name: axis.names for axis in axes.cell_axes()},
     "problem": (*PROBLEMS, *FAMILIES),
     "measure": MEASURES,
@@ -105,7 +105,7 @@ _NAMES: Mapping[str, Collection[str]] = {
 
 def unknown(kind: str, value: Any, allowed: Iterable[str]) -> PydanticCustomError:
     """Error of a name that is not allowed; says which keys it is a value of."""
-    keys = [key for key, names in _NAMES.items() if isinstance(value, str) and value in names]
+    keys = [key for key, names in NAMES.items() if isinstance(value, str) and value in names]
     remark = f", which is a value of the key {' or '.join(keys)}" if keys else ""
     return documents.unknown_name(kind, value, allowed, remark)
 

@@ -56,6 +56,14 @@ OF_MULTIPLIERS = ("lambda", "multiplier", "force", "moment")
 OF_OUTPUTS: Mapping[str, str] = MappingProxyType(
     {"omega": "v", "force": "lambda", "moment": "lambda"}
 )
+
+
+def kind_of(output: str) -> str:
+    """Kind of an output, such as ``force`` of ``A.force.x``; empty of a point's ``force.x``."""
+    _, dot, kind = output.rpartition(".")[0].rpartition(".")
+    return kind if dot else ""
+
+
 #: Quantities of the rows of trajectories.
 OF_TRAJECTORIES = (*KEPT, ENERGY, OUTPUT, *DRIFTS)
 #: What is measured → its prediction.

@@ -1,5 +1,6 @@
 """What a command line names: a study, or a problem."""
 
+import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -36,7 +37,9 @@ def is_study(subject: str) -> bool:
 
 def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
     """Problem that a command line names: shipped, a mechanism file, a label, or code."""
-    document = Document.of("command line", {"problem": text})
+    if os.path.isfile(name := with_ending(text)) and name.endswith((".yaml", ".yml")):
+        loading.require_mechanism(documents.read(Path(name), name))
+    document = Document.of(documents.GIVEN, {"problem": text})
     around = Surroundings(allow_code=allow_code)
     spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
     warn_of(spec)

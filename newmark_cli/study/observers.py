@@ -28,7 +28,7 @@ from newmark_cli.problems.problem import Outputs, Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import DRIFTS
-from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, OF_TRAJECTORIES, WINDOW
+from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, OF_TRAJECTORIES, WINDOW, kind_of
 from newmark_cli.support.arrays import Array, IndexArray, Mask
 
 #: Quantity → (samples, k) by how much components of it are off at each sample, with their
@@ -264,7 +264,7 @@ def error_of(reference: Any, quantity: str) -> float:
 
 def _groups(outputs: Outputs) -> dict[str, Mask]:
     """Kind of output → (k,) mask of the outputs of that kind."""
-    names = [name.rpartition(".")[0].rpartition(".")[2] for name in outputs.names]
+    names = [kind_of(name) for name in outputs.names]
     return {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
 
 

@@ -27,7 +27,7 @@ from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import OURS, Cell
 from newmark_cli.study.cell import Outcome
 from newmark_cli.study.compute import marched, scheme_of, with_rounding
-from newmark_cli.study.measures import OF_OUTPUTS
+from newmark_cli.study.measures import OF_OUTPUTS, kind_of
 from newmark_cli.study.observers import OBSERVERS, Deviations, error_of, over_time
 from newmark_cli.study.observers import invariants as compared
 from newmark_cli.support.arrays import Array
@@ -216,7 +216,7 @@ def _off_outputs(run: Run, problem: Problem, reference: Reference) -> Iterator[t
     here, there = run.state["output"][-1], problem.outputs.values(
         problem, run.t[-1], reference.u, reference.v, reference.multipliers
     )  # fmt: skip
-    kinds = np.array([n.rpartition(".")[0].rpartition(".")[2] for n in problem.outputs.names])
+    kinds = np.array([kind_of(name) for name in problem.outputs.names])
     for kind in OF_OUTPUTS:
         of = kinds == kind
         if of.any():

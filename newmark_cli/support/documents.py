@@ -8,7 +8,7 @@ import re
 import reprlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -44,6 +44,8 @@ _DEEPEST = 30
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _TOO_DEEP = f"nested too deeply, at most {_DEEPEST} levels"
 
+#: What errors name in place of a file.
+GIVEN = "command line"
 #: Mistakes of one document that are reported one by one; of the rest only their number.
 MOST_REPORTED = 50
 
@@ -153,6 +155,7 @@ class Document:
     name: str  #: file as the user named it
     data: Any  #: mappings, lists and scalars
     lines: Mapping[KeyPath, int]  #: path of keys and indices → line, counted from 1
+    given: frozenset[str] = frozenset()  #: keys at the top that the command line has set
 
     @classmethod
     def of(cls, name: str, data: Any) -> "Document":
@@ -203,12 +206,13 @@ class Document:
 
         data = walk(self.data, ())
         usual = {tuple(known.get(k, k) for k in path): n for path, n in self.lines.items()}
-        return Document(self.name, data, {**usual, **self.lines})
+        return replace(self, data=data, lines={**usual, **self.lines})
 
     def error(self, path: KeyPath, message: str) -> DocumentError:
         """Error at the line of ``path``, or of what encloses it."""
         line, key = self.line(path), _spell(path)
         where = f"{self.name}, line {line}" if line else self.name
+        where = GIVEN if path[:1] and path[0] in self.given else where
         text = f"{where}: {key + ': ' if key else ''}{message}"
         return DocumentError(text, [Mistake(line, path, text)])
 
@@ -261,6 +265,11 @@ class StrictModel(BaseModel):
     def keys(cls) -> tuple[str, ...]:
         """Keys as a document spells them."""
         return tuple(field.alias or name for name, field in cls.model_fields.items())
+
+    @classmethod
+    def missing_key(cls, key: str) -> str:
+        """Message for a key at the top that must be given."""
+        return "missing"
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
@@ -429,7 +438,12 @@ def validate(
     mistakes = Mistakes()
     # Messages take longer to make than places to find, and nobody reads a thousand.
     for path in sorted(placed, key=document.line)[:MOST_REPORTED]:
-        for message in _messages(placed[path]):
+        detail = placed[path]
+        messages = _messages(detail)
+        at_the_top = detail["type"] == "missing" and len(detail["loc"]) == 1
+        if at_the_top and issubclass(model, StrictModel):
+            messages = iter((model.missing_key(str(path[-1])),))
+        for message in messages:
             mistakes.note(document.error(path, message))
     mistakes.refuse(more=max(0, len(placed) - MOST_REPORTED))
     raise DocumentError("reported already", [])

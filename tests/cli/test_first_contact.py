@@ -194,11 +194,15 @@ assemble: true
     [
         ("s", json.dumps(STUDY | {"measure": "error", "h": [7e-3]}),
          "h: errors need a whole number of steps to t_end = 0.1, given 0.007; the nearest is "
-         "0.0071428571"),
+         "0.0071428571, or t_end = 0.098 fits"),
+        ("s", json.dumps({k: v for k, v in STUDY.items() if k != "form"}),
+         "form: missing; allowed: u-v-a-lambda, u-v-lambda, u-lambda, v-lambda, a-lambda, "),
+        ("s", json.dumps({k: v for k, v in STUDY.items() if k != "preconditioning"}),
+         "preconditioning: missing; allowed: none, left, right, optimal, "),
         ("s", json.dumps(STUDY | {"h": ["1e-3"]}),
          "h[1]: must be a number without quotes, given '1e-3'"),
         ("s", json.dumps(STUDY | {"problem": "s.yaml"}),
-         "problem: s.yaml, line 1: is a study, not a mechanism; give the study's problem"),
+         "problem: s.yaml, line 1: is a study, not a mechanism; give its problem, s.yaml, instead"),
         ("m", json.dumps(SWING | {"gravity": -9.81}),
          "gravity: must have two components, [x, y], given -9.81"),
         ("m", ARM.replace("spherical", "spherica"),

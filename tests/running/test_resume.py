@@ -286,7 +286,10 @@ CAPPED = QUICK + "iteration_cap: 1\nmeasure: correction\n"
 
 def test_reasons_are_told_once_for_each(cli):
     cli.write("quick.yaml", CAPPED)
-    complaint = "newmark-study: quick: 4 of 4 cells ended with status not_converged\n"
+    complaint = (
+        "newmark-study: quick: 4 of 4 cells ended with status not_converged, at h = 0.1, 0.01; a "
+        "smaller h may help\n"
+    )
     for option in ("-q", "--fail-fast", "-v"):
         assert complaint in cli("run", "quick.yaml", option, code=1).stderr
     assert cli("run", "quick.yaml", "-q", code=1).stderr == complaint
@@ -303,7 +306,9 @@ def test_what_is_accepted_is_not_part_of_a_cell(cli):
     done = cli("run", "one.yaml", "two.yaml", "three.yaml", "-v", code=1)
     assert done.stderr.startswith("4 cells on ")
     assert [line.split(": ", 1)[1] for line in done.stderr.splitlines()[5:]] == [
-        f"{name}: 4 of 4 cells ended with status not_converged" for name in ("one", "three")
+        f"{name}: 4 of 4 cells ended with status not_converged, at h = 0.1, 0.01; a smaller h may "
+        "help"
+        for name in ("one", "three")
     ]
     assert len(list((cli.folder / "results/cells").iterdir())) == 4
     one, two, three = (

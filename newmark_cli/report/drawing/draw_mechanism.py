@@ -3,9 +3,10 @@
 import io
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,9 @@ from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet, plain
 from newmark_cli.report.drawing.sketch import Mark, Scene, is_spatial, marks, scene
 from newmark_cli.report.drawing.style import settled
 from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
 from newmark_cli.support.files import write_output
+from newmark_cli.support.spelling import nearest
 
 #: Moving points, or vectors of bodies, up to which a mechanism is drawn with names and symbols.
 _MOST_LABELS = {False: 30, True: 60}
@@ -53,6 +56,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "torque": {"color": _RED, "linewidth": 1, "zorder": 7},
     "force": {"color": _RED, "linewidth": 1, "zorder": 7},
     "wheel": {"color": _BLUE, "linewidth": 0.7, "zorder": 1},
+    "path": {"linewidth": 1.1, "zorder": 1},
     "body": {"color": _BLUE, "linewidth": 1.9, "solid_capstyle": "round", "zorder": 2},
     "bar": {"color": "black", "linewidth": 1.6, "zorder": 2},
     "edge": {"color": _BLUE, "linewidth": 0.4, "alpha": 0.5, "zorder": 1},
@@ -62,7 +66,9 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "ground": {"facecolor": "white", "edgecolor": "black", "linewidth": 0.7, "zorder": 3},
 }
 #: Symbols in the key, and those that a large mechanism is drawn without.
-_IN_KEY = tuple(_LOOKS)[: tuple(_LOOKS).index("body")]
+_IN_KEY = tuple(_LOOKS)[: tuple(_LOOKS).index("path")]
+#: Colours of paths, in turn.
+_PATHS = ("#E69F00", "#56B4E9", "black", "0.5")
 _DETAILS = ("joint", "joint that slides", "mass centre", "point", "edge", "outline")
 
 
@@ -76,10 +82,26 @@ def _axis_labels(problem: Problem) -> tuple[str, str]:
     return f"$x$ ({unit})", f"$y$ ({unit})"
 
 
-def mechanism_sheet(title: str, problem: Problem, u: Array) -> Sheet:
-    """A mechanism at position u (n,): bodies, joints, ground, springs, dampers, torques."""
+def paths(problem: Problem, names: Sequence[str], positions: Sequence[Array]) -> dict[str, Array]:
+    """Name of a point → (k,) where it is drawn at positions (n,) along a motion.
+
+    Raises:
+        InputError: When the mechanism has no such point.
+    """
+    factor, _ = _length_unit(problem)
+    seen = [scene(problem, u, factor).points for u in positions]
+    for name in names:
+        if name not in seen[0]:
+            raise InputError(f"--path: unknown point {name!r}{nearest(name, seen[0])}")
+    return {name: np.array([at[name] for at in seen]) for name in names}
+
+
+def mechanism_sheet(
+    title: str, problem: Problem, u: Array, paths: Mapping[str, Array] = MappingProxyType({})
+) -> Sheet:
+    """A mechanism at position u (n,): bodies, joints, ground, springs, and `paths` of points."""
     labelled = len(problem.points) <= _MOST_LABELS[is_spatial(problem)]
-    scene = partial(draw_mechanism, problem=problem, u=u, labelled=labelled)
+    scene = partial(draw_mechanism, problem=problem, u=u, labelled=labelled, paths=paths)
     labels = _axis_labels(problem)
     panel = Panel((), *labels, x_scale="linear", y_scale="linear", scene=scene)
     return Sheet(title, (panel,), grid=False, settings={**_WITHOUT_TICKS, **_KEY})
@@ -95,25 +117,37 @@ def _length_unit(problem: Problem) -> tuple[float, str]:
     return (1e3, "mm") if scene(problem, problem.u0).size < 0.5 else (1.0, "m")
 
 
-def draw_mechanism(axes: Any, problem: Problem, u: Array, labelled: bool = True) -> list[Line2D]:
+def draw_mechanism(
+    axes: Any, problem: Problem, u: Array, labelled: bool = True,
+    paths: Mapping[str, Array] = MappingProxyType({}),
+) -> list[Line2D]:  # fmt: skip
     """Draw a mechanism at position u into axes, lengths in the unit of their labels.
 
-    Without details and names unless labelled.  Returns the key to its symbols.
+    Without details and names unless labelled.  Returns the key to its symbols and paths.
     """
     factor, unit = _length_unit(problem)
     here = scene(problem, u, factor)
+    ways = [
+        Mark("path", places, {"color": color})
+        for places, color in zip(paths.values(), itertools.cycle(_PATHS))
+    ]
+    key = [
+        Line2D([], [], label=f"path of {plain(name)}", **_LOOKS["path"], **way.look)
+        for name, way in zip(paths, ways, strict=True)
+    ]
     seen = [mark for mark in marks(here) if labelled or mark.symbol not in _DETAILS]
+    seen += ways
     for mark in seen:
         _draw(axes, mark, 1 if labelled else 0.5)
     if is_spatial(problem):
         axes.tick_params(left=False, bottom=False, labelleft=False, labelbottom=False)
     if not labelled:
-        return []
+        return key
     if is_spatial(problem):
         _triad(axes, here, unit)
     _names(axes, here, seen)
     symbols = {mark.symbol for mark in seen}
-    return [Line2D([], [], label=key, **_LOOKS[key]) for key in _IN_KEY if key in symbols]
+    return [Line2D([], [], label=name, **_LOOKS[name]) for name in _IN_KEY if name in symbols] + key
 
 
 def _draw(axes: Any, mark: Mark, thin: float) -> None:
