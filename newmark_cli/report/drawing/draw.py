@@ -176,7 +176,7 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
 def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
     """Ticks at powers of ten, labelled once where neighbouring panels share them."""
     panel, count = sheet.panels[place], len(sheet.panels)
-    if sheet.share_x and place + sheet.columns >= count:
+    if sheet.share_x and place + sheet.columns >= count and not panel.scene:
         axes.tick_params(labelbottom=True)  # nothing stands below it
     if place % sheet.columns and panel.y_limits and _same_ordinate(panel, sheet.panels[place - 1]):
         axes.tick_params(labelleft=False)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from PIL import Image
 
 from newmark_cli.problems.problem import Problem
@@ -36,6 +37,8 @@ _KEY = {
     "legend.columnspacing": 1.5,
 }
 
+#: Around names, so that they can be read where lines cross them.
+_HALO = [withStroke(linewidth=1.6, foreground="white")]
 _BLUE, _RED, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 _SIGN = {"linestyle": "none", "marker": "o", "color": "black", "markersize": 3.7, "zorder": 5,
          "markeredgewidth": 0.8}  # fmt: skip
@@ -209,7 +212,8 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
         far = 5 if aside != "center" else 8
         axes.annotate(
             name, (place.real, place.imag), textcoords="offset points",
-            xytext=(far * away.real, far * away.imag), ha=aside, va="center", zorder=8, **look,
+            xytext=(far * away.real, far * away.imag), ha=aside, va="center", zorder=8,
+            path_effects=_HALO, **look,
         )  # fmt: skip
 
 
