@@ -209,9 +209,9 @@ def _power_of_ten(value: float, position: int | None = None) -> str:
 
 
 def _number(value: float, position: int | None = None) -> str:
-    if value < 1e5:
+    if 1e-3 <= value < 1e5:
         return f"{value:g}"
-    digits, exponent = f"{value:.0e}".split("e+")
+    digits, exponent = f"{value:.0e}".split("e")
     return ("" if digits == "1" else f"{digits}·") + power("10", str(int(exponent)))
 
 

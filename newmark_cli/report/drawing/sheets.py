@@ -289,6 +289,8 @@ def _history(figure: Figure, results: Results) -> Sheet:
     h = figure.h or results.by_key[figure.curves[0].key].h.min()
     note = f"$h$ = {step(float(h))} s"
     farther = span < 0.8 * max(float(np.ptp(trace.y)) for trace in series)
+    if farther:
+        note += f"; lower panel: linear within ±{step(full_range.linthresh)}"
     panels = (zoomed, full_range) if farther else (zoomed,)
     return Sheet(figure.title, panels, note=note, settings=figure.style)
 
