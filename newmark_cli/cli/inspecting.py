@@ -241,7 +241,7 @@ def draw(
 
     integrator = keys.read("--integrator", method, keys.IntegratorConfig)
     places = [subject.u0]
-    ways = draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
+    draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
     if time:
         shown = frames if animated else _ON_PATH if points else 2
         moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)

@@ -167,7 +167,7 @@ class PlanarBuilder(builder.Builder):
 
     @cached_property
     def _pins(self) -> Pins | None:
-        if "pins" not in self.mechanism.outputs:
+        if "pins" not in self.mechanism.outputs or not self.mechanism.bodies:
             return None
         apart = PlanarBuilder(self.name, self.document, taken_apart(self.mechanism)).problem()
         named = {

@@ -13,6 +13,7 @@ are those that the dynamics and λ give; so the forces at each pin are in balanc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csc_array, diags_array
@@ -104,9 +105,9 @@ class Pins:
 
     @cached_property
     def _accelerations(self) -> Callable[[Array], Array]:
-        """Solver of M a = f + Gλ, 0 for what M leaves open.
+        """Solver of M a = f + Gλ.
 
-        That has no part in M a, since M of each body is at least semidefinite.
+        What M leaves open of a has no part in M a of a body: M of each is at least semidefinite.
         """
         (rows, columns), values = self.mass
         n = int(self.sources.max()) + 1
@@ -119,6 +120,10 @@ class Pins:
         if solve is None:
             solve = np.linalg.pinv(scaled.toarray(), rcond=1e-12, hermitian=True).__matmul__
         return lambda force: size * solve(size * force)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # Factors cannot be pickled.
+        return {name: value for name, value in vars(self).items() if name != "_accelerations"}
 
 
 @dataclass(frozen=True, eq=False)

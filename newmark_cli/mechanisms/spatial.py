@@ -378,7 +378,7 @@ class SpatialBuilder(builder.Builder):
                     assert motion.point is not None
                     side = self.of_body(motion.point, (*path, "point"))
                     axis = np.eye(3)["xyz".index(key)]
-                    now = float(product(axis, self._point_of(side)))
+                    now = float(product(axis, self._place(side)))
                     parameters = self.fitting(law, now, (*path, key))
                     self._follow(Sum(axis, ()), _site(side), (*path, key), parameters, law)
 

@@ -52,8 +52,8 @@ def changed(document: Document, settings: Mapping[str, str]) -> Document:
         DocumentError: When a value is not YAML, or the study would keep its name.
     """
     document = document.renamed(ALIASES, frozenset(("problem",)))
-    if not settings or not isinstance(document.data, dict):
-        return document
+    if not settings or not isinstance(document.data, dict) or "study" not in document.data:
+        return document  # what it lacks is told later
     values = {key: documents.parse(text, f"{GIVEN}: {key}") for key, text in settings.items()}
     lines = {(key, *path): 0 for key, of in values.items() for path in of.lines}
     gone = {*settings, *({"t_end", "steps"} if {"t_end", "steps"} & settings.keys() else ())}
@@ -64,7 +64,7 @@ def changed(document: Document, settings: Mapping[str, str]) -> Document:
     data = {k: v for k, v in kept(document.data).items() if k not in STUDY_KEYS[2:-1]}
     if isinstance(data.get("cases"), list):
         data["cases"] = [kept(case) for case in data["cases"]]
-    own = document.data.get("study")
+    own = document.data["study"]
     data |= {"study": _name(own, settings)} | {key: of.data for key, of in values.items()}
     if isinstance(problem := data.get("problem"), str) and "problem" in settings:
         # A file is looked for here, not beside the study.

@@ -114,6 +114,15 @@ def test_step_sizes_that_converge(cli, sizes, told):
     assert done.stderr == f"newmark-study: coarse: {told}\n"
 
 
+def test_what_is_no_study(cli):
+    cli.write("arm.yaml", "points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 1}}\n")
+    told = "arm.yaml, line 1: is a mechanism, not a study: a study has it as its 'problem'"
+    assert cli.refused("run", "arm", "h=1e-3") == f"newmark-study: {told}"
+    cli.write("lift.yaml", LIFT.partition("\n")[2])
+    assert cli("run", "lift", "h=1e-3", code=2).stderr.endswith(": study: missing\n")
+    assert cli.refused("run", "h=1e-3") == "newmark-study: Missing argument 'CONFIG...'."
+
+
 def test_a_study_is_no_mechanism(cli):
     cli.write("lift.yaml", LIFT)
     told = "lift.yaml, line 1: is a study, not a mechanism; give its problem, pendulum, instead"

@@ -1,6 +1,7 @@
 """Places of points on bodies and forces of pins, which a mechanism file asks for."""
 
 import csv
+import pickle
 
 import numpy as np
 import pandas as pd
@@ -183,6 +184,8 @@ def test_a_study_has_them(cli):
     frame = pd.read_csv(cli.folder / "results/trajectory/mine.csv")
     done = newmark.march(cli.folder / "bars.yaml", h=1e-3, t_end=0.02,
                          integrator="generalized-alpha rho=0.9")  # fmt: skip
+    assert done.outputs.shape == (21, 14)
+    done = pickle.loads(pickle.dumps(done))
     ours = frame[frame.h == 1e-3]
     np.testing.assert_array_equal(ours[["output[D.x]", "output[D.y]"]], done.point("D"))
     force = done.output("coupler@B.force.y")
