@@ -90,15 +90,21 @@ class Marched:
             return UNKNOWN if self._alternation_fed and quantity == "lambda" else order
         return UNKNOWN  # sizes and their order decide what changes that recur add up to
 
-    def transient(self, quantity: str) -> float:
-        """Order of the largest error of u, v or λ in the first steps after a change."""
+    def largest_error(self, quantity: str, since_start: bool) -> float:
+        """Order of the largest error of u, v or λ over a part of the motion.
+
+        Args:
+            quantity: One of them.
+            since_start: Whether it is the first part: a start leaves in λ what a change of h
+                leaves that restarts the integrator.
+        """
         once = isinstance(self.sequence, Change)
         if not self.settles or not (once or self.sequence == CONSTANT):
             return UNKNOWN
         if quantity == "lambda":
             if self.formulation.scheduled or (self.alternates and not self.corrected):
                 return UNKNOWN
-            fed = once and self.auxiliary != RESCALE_VELOCITY
+            fed = (once and self.auxiliary != RESCALE_VELOCITY) or since_start
             if not self.recovers and (fed or (self.by_position and self.projection.level)):
                 return UNKNOWN
         return float(self.order)
