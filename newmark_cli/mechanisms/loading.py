@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from newmark_cli.mechanisms import tables_beside
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, DocumentError, File, KeyPath
@@ -22,7 +23,7 @@ _OF_STUDIES = ("study", "cases", "problem", "h", "measure")
 
 def load(path: Path, name: str, shown_as: str | None = None, allow_code: bool = False) -> Problem:
     """Problem from a mechanism file as it is now; errors name it as it is spelled."""
-    return loaded(documents.fetch(path, shown_as), name, path.parent if allow_code else None)
+    return loaded(tables_beside.fetch(path, shown_as), name, path.parent if allow_code else None)
 
 
 def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
@@ -32,8 +33,9 @@ def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
         DocumentError: For mistakes in the file, each with file, line and key.
         ProblemError: When forces in Python cannot be used.
     """
-    problem = built(name, file.document(), folder)
-    return replace(problem, sources={Path(file.name).name: file.content, **problem.sources})
+    problem = built(name, tables_beside.filled(file.document(), dict(file.beside)), folder)
+    sources = {Path(file.name).name: file.content, **dict(file.beside), **problem.sources}
+    return replace(problem, sources=sources)
 
 
 def label(file: str | Path) -> str:

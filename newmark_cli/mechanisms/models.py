@@ -140,23 +140,44 @@ class Sine(StrictModel):
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
 
 
+#: Degrees of the polynomials between the values of a table.
+INTERPOLATIONS = MappingProxyType({"pchip": 3, "cubic": 3, "quintic": 5})
+_FEWEST_OF_QUINTIC = 6
+_FILE = "table in a file beside this one, in place of both lists"
+
+
 class Table(StrictModel):
-    """A cubic spline through values at times: smooth up to its second derivative."""
+    """Values at times, and what is between them."""
 
     # A measurement, not a data base.
     times: list[Bounded] = Field(
-        min_length=2, max_length=100_000, description="times (s), increasing, the first at most 0"
+        [], max_length=100_000, description="times (s), increasing, the first at most 0"
     )
-    values: list[Bounded] = Field(description="value at each time")
+    values: list[Bounded] = Field([], description="value at each time")
+    file: str | None = Field(None, description=f"{_FILE}: CSV with columns t, value")
+    interpolation: Literal["cubic", "quintic", "pchip"] = Field(
+        "cubic",
+        description="cubic: spline with a continuous second derivative; quintic: spline with a "
+        "continuous fourth; pchip: no overshoot, but only the first derivative is continuous",
+    )
     ends: Literal["not-a-knot", "natural", "clamped", "periodic"] = Field(
         "not-a-knot",
-        description="at both ends: no jump of the third derivative next to them, no second "
-        "derivative, no first derivative, or the table repeats itself for ever",
+        description="of splines, at both ends: no jump of the highest derivatives next to them; "
+        "no second (quintic: third and fourth) derivative; no first (quintic: and second) "
+        "derivative; or the table repeats itself for ever",
     )
 
     @model_validator(mode="after")
     def _is_a_table(self) -> "Table":
         times, values = self.times, self.values
+        if self.file is not None:
+            raise misfit("file", "is missing, or holds no table")
+        fewest = _FEWEST_OF_QUINTIC if self.interpolation == "quintic" else 2
+        if len(times) < fewest:
+            text = f"{self.interpolation} takes {fewest} at least, given {len(times)}"
+            raise misfit("times", text)
+        if self.interpolation == "pchip" and self.ends != "not-a-knot":
+            raise misfit("ends", "is of splines, and interpolation is pchip")
         if len(values) != len(times):
             raise misfit(
                 "values", f"must be one for each of {len(times)} times, given {len(values)}"
@@ -192,7 +213,9 @@ class Law(StrictModel):
         [], max_length=12, description="coefficients of 1, t, t², … of a polynomial"
     )
     sines: list[Sine] = Field([], description="further oscillations")
-    table: Table | None = Field(None, description="values at times, with a spline between them")
+    table: Table | None = Field(
+        None, description="values at times, with a spline between them, from lists or a file"
+    )
 
     @property
     def moves(self) -> bool:

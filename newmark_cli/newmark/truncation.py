@@ -95,8 +95,8 @@ class Marched:
 
         Args:
             quantity: One of them.
-            since_start: Whether it is the first part: a start leaves in λ what a change of h
-                leaves that restarts the integrator.
+            since_start: Whether it is the first part: like a change of h that restarts the
+                integrator, a start may leave λ O(h), so that this is its order at least.
         """
         once = isinstance(self.sequence, Change)
         if not self.settles or not (once or self.sequence == CONSTANT):
@@ -104,9 +104,11 @@ class Marched:
         if quantity == "lambda":
             if self.formulation.scheduled or (self.alternates and not self.corrected):
                 return UNKNOWN
-            fed = (once and self.auxiliary != RESCALE_VELOCITY) or since_start
+            fed = once and self.auxiliary != RESCALE_VELOCITY
             if not self.recovers and (fed or (self.by_position and self.projection.level)):
                 return UNKNOWN
+            if not self.recovers and since_start:
+                return 1.0 if self.order > 1 else UNKNOWN
         return float(self.order)
 
     @property

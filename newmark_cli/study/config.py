@@ -57,7 +57,7 @@ REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms"
 BEYOND = (
     "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
     "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
-    "spatial", "step-changes",
+    "spatial", "step-changes", "over-motion",
 )  # fmt: skip
 #: Shipped configs that take minutes, and are run by name only.
 APART = ("testset",)
@@ -141,7 +141,7 @@ class _Rules(RuledModel):
         ends = [self.t_end] if self.t_end else [(self.steps or 0) * h for h in self.h]
         if until is not None and until > min(ends) * (1 + 1e-9):
             text = f"ends at {until:g}, and the march at {min(ends):g}"
-            yield misfit("error.over", text)
+            yield misfit("error", f"over {text}")
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
         """Why these keys leave nothing of a measure."""

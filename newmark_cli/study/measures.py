@@ -275,7 +275,7 @@ def _over_motion(name: str, where: str, since_start: bool) -> Record:
     def bound(key: SeriesKey) -> str:
         multipliers = key.quantity in OF_MULTIPLIERS
         low = multipliers and since_start and predicted(key) < _march_of(key).order
-        return "a start with Gᵀu‴ = 0 leaves λ its order" if low else ""
+        return "where Gᵀu‴ = 0 at the start, λ keeps its order" if low else ""
 
     return Record(
         name,

@@ -32,7 +32,7 @@ from newmark_cli.support.arrays import Array, IndexArray
 
 #: Steps of a window at which errors over it are looked for at most, unless h changes in it, and
 #: those behind its start or a change of h that are all among them.
-MOST_LOOKS, AFTER = 120, 40
+MOST_LOOKS, AFTER = 200, 40
 #: Quantity → (samples, k) by how much components of it are off at each sample, with their
 #: signs, in the unit of the row, whose statistics are those of the largest of each sample.
 Deviations = Mapping[str, Array]

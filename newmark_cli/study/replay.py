@@ -227,8 +227,9 @@ def deviations(
             )
             for kind, off in off_outputs(problem.outputs, end["output"], exact, reference.u):
                 note(f"error {kind}", off)
-        for name, off in _over_window(run, problem, window).items() if window else ():
-            by_name[f"{window.record} {name}"] = off
+        if window is not None:
+            over = _over_window(run, problem, window)
+            by_name |= {f"{window.record} {name}": off for name, off in over.items()}
     samples = [misfits_at(problem, run, row, aside) for row in looked_at(run, problem)]
     samples = [sample for sample in samples if sample]
     if samples:
