@@ -1,8 +1,10 @@
 """Mechanism files, planar or spatial."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from newmark_cli.mechanisms import tables_beside
@@ -33,7 +35,7 @@ def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
         DocumentError: For mistakes in the file, each with file, line and key.
         ProblemError: When forces in Python cannot be used.
     """
-    problem = built(name, tables_beside.filled(file.document(), dict(file.beside)), folder)
+    problem = built(name, file.document(), folder, dict(file.beside))
     sources = {Path(file.name).name: file.content, **dict(file.beside), **problem.sources}
     return replace(problem, sources=sources)
 
@@ -48,14 +50,22 @@ def has_code(data: Any) -> bool:
     return isinstance(data, dict) and bool(data.get("python_forces"))
 
 
-def built(name: str, document: Document, folder: Path | None = None) -> Problem:
+def built(
+    name: str,
+    document: Document,
+    folder: Path | None = None,
+    beside: Mapping[str, bytes] = MappingProxyType({}),
+) -> Problem:
     """Problem from a mechanism file that was read; its code runs if its folder is given.
+
+    Tables in files have their content from ``beside``, by name.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
     _require_mechanism(document)
+    document = tables_beside.filled(document, beside)
     kind = _builder(document.data)
     try:
         mechanism = documents.validate(document, kind.model)
