@@ -13,6 +13,7 @@ from damped import damped
 from marching import FORMULATIONS, INTEGRATORS, STEP, assert_same_step, formulated, march_of
 from test_planar_parts import CART
 from test_spatial_laws import BODIES
+from test_spring_laws import PLANAR, SPATIAL
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.families import FAMILIES
@@ -59,6 +60,8 @@ WITH_EVERYTHING = {
     },
     "spatial, conservative": conservative,
     "spatial, laws": lambda: mechanisms.built(BODIES),
+    "springs by laws": lambda: mechanisms.built(PLANAR),
+    "spatial, springs by laws": lambda: mechanisms.built(SPATIAL),
 }
 MEMBERS = {
     f"{family} of {size}": lambda family=family, size=size: member(family, size)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from newmark_cli.mechanisms import elements, laws
+from newmark_cli.mechanisms import elements, laws, spring_laws
 from newmark_cli.mechanisms.element_tables import ElementList, Shape, Term
 from newmark_cli.mechanisms.models import Law, MechanismModel
 from newmark_cli.problems.problem import Place, Problem, Push
@@ -311,8 +311,11 @@ class Builder(ABC):
         """The vector from one point to another, which it moves relative to."""
 
     def _springs(self, spring: Any, path: KeyPath) -> None:
-        parameters = (spring.stiffness, spring.rest_length)
-        self.add("SPRING", self.between(spring.from_, spring.to, path), parameters=parameters)
+        between = self.between(spring.from_, spring.to, path)
+        if spring.force is None:
+            self.add("SPRING", between, parameters=(spring.stiffness, spring.rest_length))
+        else:
+            self.add("STRETCH", between, parameters=spring_laws.parameters(spring))
 
     def _dampers(self, damper: Any, path: KeyPath) -> None:
         between = self.between(damper.from_, damper.to, path)

@@ -59,7 +59,7 @@ class Shape(NamedTuple):
             return [(a, c, b, c) for i, j in pairs for a, b in ((i, j), (j, i)) for c in axes]
         if kind == elements.SQUARE:
             return [(i, c, j, c) for i in terms for j in terms for c in axes]
-        if kind in (elements.SPRING, elements.DAMPER, elements.TORQUE):
+        if kind in elements.ALONG_LINES:
             return [(i, c, j, d) for i in terms for j in terms for c in axes for d in axes]
         if kind == elements.HINGE:
             return [(*row, *column) for row in self._slots for column in self._slots]

@@ -38,6 +38,7 @@ MOMENT    a torque with constant components, on the three directors of a body; t
 FOLLOWER  the same with components in the body's axes
 HINGE     torque, stiffness, angle of rest and damping about the axis of a joint; its angle
           is φ = atan2(Σ q t, Σ p t), within ±π
+STRETCH   a spring whose force is pieces of polynomials in its length, see `spring_laws`
 ========  ===================================================================
 
 Laws of time may stand behind all elements, see `timed`.
@@ -51,6 +52,7 @@ from newmark_cli.mechanisms import timed
 from newmark_cli.support.cached_code import cached_njit, part_njit
 
 sine_cosine, at_time, _law = timed.sine_cosine, timed.at_time, timed.law
+interval = timed.interval
 #: Functions by themselves, and parts of others.  In most of them nothing is allocated, so
 #: references are not counted: that would take longer than a small mechanism.
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
@@ -62,11 +64,13 @@ _inline = part_njit(**_OPTIONS, _nrt=False, forceinline=True)
 #: Kinds; those from `COUPLE` on are left to `evaluate_all`.
 (
     LOAD, SQUARE, PRODUCT, ANGLE, SPRING, DAMPER, TORQUE, COUPLE, FORCE, TWIST, MOMENT, FOLLOWER,
-    HINGE,
-) = range(13)  # fmt: skip
+    HINGE, STRETCH,
+) = range(14)  # fmt: skip
 #: Kinds that are a constraint, one row each: without and with an angle.
 QUADRATIC, ANGULAR = (SQUARE, PRODUCT), (ANGLE, COUPLE)
 CONSTRAINTS = (*QUADRATIC, *ANGULAR)
+#: Kinds that act through the difference of two points.
+ALONG_LINES = (SPRING, DAMPER, TORQUE, STRETCH)
 
 #: Columns of a header: entries of the element in ``ints``, where its numbers begin in ``reals``,
 #: its parameters and weights, its row, the first entries in the values of X, Y and G, sums whose
@@ -263,6 +267,19 @@ def _block(values, at, shape, reals, weight, other, count, tensor):
     return at + 9
 
 
+@_part
+def _stretched(length, reals, parameter):
+    """Force of a spring by its law, and its derivative."""
+    count, degree = int(reals[0, parameter]), int(reals[0, parameter + 1])
+    r = interval(length.real, reals, parameter + 2, count, degree + 3)
+    x = length - reals[0, r]
+    push, slope = x - x, x - x
+    for k in range(degree, -1, -1):
+        slope = slope * x + push
+        push = push * x + reals[0, r + 2 + k]
+    return push, slope
+
+
 @_inline
 def _along_line(u, v, ints, reals, e, force, x_values, y_values):
     """A spring or a damper, whose force is −tension L, or a torque, across L."""
@@ -279,6 +296,11 @@ def _along_line(u, v, ints, reals, e, force, x_values, y_values):
         length = np.sqrt(square)
         tension = reals[0, parameter] * (real(1) - reals[0, parameter + 1] / length)
         rank = reals[0, parameter] * reals[0, parameter + 1] / (length * square)
+        mx, my, mz = rank * x, rank * y, rank * z
+    elif kind == STRETCH:
+        length = np.sqrt(square)
+        push, slope = _stretched(length, reals, parameter)
+        tension, rank = push / length, (slope - push / length) / square
         mx, my, mz = rank * x, rank * y, rank * z
     else:
         wx, wy, wz = first_sums(v, real(0), plain, shape, ints, reals, e)
@@ -319,7 +341,9 @@ def _along_line(u, v, ints, reals, e, force, x_values, y_values):
 
 @_compile
 def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values):
-    """Force f + Gλ, constraints Φ, and the values of X, Y, G, of the kinds before `COUPLE`.
+    """Force f + Gλ, constraints Φ, and the values of X, Y, G.
+
+    Of `STRETCH`, and the kinds before `COUPLE`.
 
     Args:
         t: Time (s).
@@ -358,7 +382,7 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
         elif kind == ANGLE:
             angle = _law(t, reals, parameter, VALUE)
             _turned_row(angle, u, multipliers, ints, reals, begin, results)
-        elif kind in (SPRING, DAMPER, TORQUE):
+        elif kind in ALONG_LINES:
             _along_line(u, v, ints, reals, begin, force, x_values, y_values)
 
 

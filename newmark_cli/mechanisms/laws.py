@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.mechanisms.models import Law, Table
+from newmark_cli.mechanisms.models import INTERPOLATIONS, Law, Table
 
 #: Kinds, which no element has, and their columns behind those that all have: kind, size, and
 #: where their numbers begin.
@@ -15,7 +15,15 @@ TARGET, DRIVES, MORE = 3, 4, 5
 WHAT, COUNT, REPEATS, ANOTHER = 3, 4, 5, 6
 #: Place of the weight behind the six parameters.
 WEIGHT = 6
-POWERS, SINE, SPLINE = range(3)
+POWERS, SINE, SPLINE, QUINTIC = range(4)
+
+
+#: Ends of a quintic spline → (derivative, its value) there.
+_QUINTIC_ENDS = {
+    "natural": ([(3, 0.0), (4, 0.0)],) * 2,
+    "clamped": ([(1, 0.0), (2, 0.0)],) * 2,
+    "not-a-knot": (None, None),
+}
 
 
 def terms(law: Law) -> list[tuple[list[int], list[float]]]:
@@ -28,17 +36,29 @@ def terms(law: Law) -> list[tuple[list[int], list[float]]]:
     ]
     if law.table is not None:
         spline = _spline(law.table)
-        # Beginning of each interval, and coefficients of (t − beginning)³, …, 1 in it.
+        kind = {3: SPLINE, 5: QUINTIC}[INTERPOLATIONS[law.table.interpolation]]
+        # Beginning of each interval, and coefficients of its powers of t − beginning, down to 1.
         intervals = np.column_stack([spline.x[:-1], spline.c.T])
         numbers = [law.table.times[0], law.table.times[-1], *intervals.ravel().tolist()]
-        further.append(([SPLINE, len(intervals), law.table.ends == "periodic"], numbers))
+        further.append(([kind, len(intervals), law.table.ends == "periodic"], numbers))
     return further
 
 
 def _spline(table: Table) -> Any:
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly, make_interp_spline
 
-    return CubicSpline(np.array(table.times), np.array(table.values), bc_type=table.ends)
+    times, values = np.array(table.times), np.array(table.values)
+    if table.interpolation == "pchip":
+        return PchipInterpolator(times, values)
+    if table.interpolation == "cubic":
+        return CubicSpline(times, values, bc_type=table.ends)
+    ends: Any = _QUINTIC_ENDS.get(table.ends, table.ends)
+    quintic: Any = make_interp_spline(times, values, k=5, bc_type=ends)
+    spline = PPoly.from_spline(quintic)
+    # Knots at the ends are repeated, or stand beyond them.
+    begins = spline.x[:-1]
+    inside = (np.diff(spline.x) > 0) & (begins >= times[0]) & (begins < times[-1])
+    return PPoly(spline.c[:, inside], np.append(begins[inside], times[-1]))
 
 
 def begin(law: Law, value: float) -> float:

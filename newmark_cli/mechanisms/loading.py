@@ -1,10 +1,13 @@
 """Mechanism files, planar or spatial."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from newmark_cli.mechanisms import tables_beside
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, DocumentError, File, KeyPath
@@ -22,7 +25,7 @@ _OF_STUDIES = ("study", "cases", "problem", "h", "measure")
 
 def load(path: Path, name: str, shown_as: str | None = None, allow_code: bool = False) -> Problem:
     """Problem from a mechanism file as it is now; errors name it as it is spelled."""
-    return loaded(documents.fetch(path, shown_as), name, path.parent if allow_code else None)
+    return loaded(tables_beside.fetch(path, shown_as), name, path.parent if allow_code else None)
 
 
 def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
@@ -32,8 +35,9 @@ def loaded(file: File, name: str, folder: Path | None = None) -> Problem:
         DocumentError: For mistakes in the file, each with file, line and key.
         ProblemError: When forces in Python cannot be used.
     """
-    problem = built(name, file.document(), folder)
-    return replace(problem, sources={Path(file.name).name: file.content, **problem.sources})
+    problem = built(name, file.document(), folder, dict(file.beside))
+    sources = {Path(file.name).name: file.content, **dict(file.beside), **problem.sources}
+    return replace(problem, sources=sources)
 
 
 def label(file: str | Path) -> str:
@@ -46,14 +50,22 @@ def has_code(data: Any) -> bool:
     return isinstance(data, dict) and bool(data.get("python_forces"))
 
 
-def built(name: str, document: Document, folder: Path | None = None) -> Problem:
+def built(
+    name: str,
+    document: Document,
+    folder: Path | None = None,
+    beside: Mapping[str, bytes] = MappingProxyType({}),
+) -> Problem:
     """Problem from a mechanism file that was read; its code runs if its folder is given.
+
+    Tables in files have their content from ``beside``, by name.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
     require_mechanism(document)
+    document = tables_beside.filled(document, beside)
     kind = _builder(document.data)
     try:
         mechanism = documents.validate(document, kind.model)
@@ -75,8 +87,8 @@ def built(name: str, document: Document, folder: Path | None = None) -> Problem:
     if builder.pushes and folder is not None:
         from newmark_cli.problems import python_problem
 
-        pushes, beside = tuple(builder.pushes.values()), os.path.dirname(document.name)
-        problem = python_problem.pushed(problem, pushes, folder, beside)
+        pushes, shown = tuple(builder.pushes.values()), os.path.dirname(document.name)
+        problem = python_problem.pushed(problem, pushes, folder, shown)
     return replace(problem, doubts=guess.doubts(problem, document))
 
 

@@ -101,11 +101,81 @@ class Bar(BetweenPoints):
     length: Length = Field(description="length (m)")
 
 
-class Spring(BetweenPoints):
-    """A linear spring between two points."""
+_FILE = "table in a file beside this one, in place of both lists"
 
-    stiffness: NotNegative = Field(description="stiffness (N/m)")
-    rest_length: NotNegative = Field(description="length without force (m)")
+
+def _require_table(
+    key: str, places: Sequence[float], values: Sequence[float], file: str | None, fewest: int = 2
+) -> None:
+    """Refuse lists that are no table: values at places that increase."""
+    if file is not None:
+        raise misfit("file", "is missing, or holds no table")
+    if len(places) < fewest:
+        raise misfit(key, f"must be {fewest} at least, given {len(places)}")
+    if len(values) != len(places):
+        text = f"must be one for each of {len(places)} {key}, given {len(values)}"
+        raise misfit("values", text)
+    for before, after in pairwise(places):
+        if after <= before:
+            raise misfit(key, f"must increase: {after:g} follows {before:g}")
+
+
+class LengthTable(StrictModel):
+    """Forces of a spring at lengths: no overshoot between them, straight on beyond the ends."""
+
+    lengths: list[NotNegative] = Field(
+        [], max_length=100_000, description="lengths (m), increasing"
+    )
+    values: list[Bounded] = Field([], description="force at each length (N), positive if it pulls")
+    file: str | None = Field(None, description=f"{_FILE}: CSV with columns length, force")
+
+    @model_validator(mode="after")
+    def _is_a_table(self) -> "LengthTable":
+        _require_table("lengths", self.lengths, self.values, self.file)
+        return self
+
+
+class SpringForce(StrictModel):
+    """The force of a spring as a law of its length."""
+
+    powers: list[Bounded] = Field(
+        [],
+        max_length=12,
+        description="coefficients of 1, s, s², … of a polynomial in the stretch s = length − "
+        "rest_length (N, N/m, N/m², …)",
+    )
+    table: LengthTable | None = Field(None, description="forces at lengths")
+
+    @model_validator(mode="after")
+    def _is_one_law(self) -> "SpringForce":
+        if bool(self.powers) == (self.table is not None):
+            raise ValueError("needs either powers or a table")
+        return self
+
+
+class Spring(BetweenPoints):
+    """A spring between two points, linear or with a law of its force."""
+
+    stiffness: NotNegative | None = Field(None, description="stiffness (N/m) of a linear spring")
+    rest_length: NotNegative | None = Field(
+        None, description="length without force (m), or from which powers count; not of a table"
+    )
+    force: SpringForce | None = Field(
+        None, description="law of the force over the length, in place of stiffness"
+    )
+
+    @model_validator(mode="after")
+    def _has_a_law(self) -> "Spring":
+        by_table = self.force is not None and self.force.table is not None
+        given, wanted = self.model_dump(exclude_none=True), {"stiffness", "rest_length"}
+        if self.force is not None:
+            wanted = set() if by_table else {"rest_length"}
+        for key in ("stiffness", "rest_length"):
+            if key in wanted and key not in given:
+                raise misfit(key, "missing")
+            if key in given and key not in wanted:
+                raise misfit(key, "stands in the law of the force; leave it out")
+        return self
 
 
 class Damper(BetweenPoints):
@@ -140,30 +210,39 @@ class Sine(StrictModel):
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
 
 
+#: Degrees of the polynomials between the values of a table.
+INTERPOLATIONS = MappingProxyType({"pchip": 3, "cubic": 3, "quintic": 5})
+_FEWEST_OF_QUINTIC = 6
+
+
 class Table(StrictModel):
-    """A cubic spline through values at times: smooth up to its second derivative."""
+    """Values at times, and what is between them."""
 
     # A measurement, not a data base.
     times: list[Bounded] = Field(
-        min_length=2, max_length=100_000, description="times (s), increasing, the first at most 0"
+        [], max_length=100_000, description="times (s), increasing, the first at most 0"
     )
-    values: list[Bounded] = Field(description="value at each time")
+    values: list[Bounded] = Field([], description="value at each time")
+    file: str | None = Field(None, description=f"{_FILE}: CSV with columns t, value")
+    interpolation: Literal["cubic", "quintic", "pchip"] = Field(
+        "cubic",
+        description="cubic: spline with a continuous second derivative; quintic: spline with a "
+        "continuous fourth; pchip: no overshoot, but only the first derivative is continuous",
+    )
     ends: Literal["not-a-knot", "natural", "clamped", "periodic"] = Field(
         "not-a-knot",
-        description="at both ends: no jump of the third derivative next to them, no second "
-        "derivative, no first derivative, or the table repeats itself for ever",
+        description="of splines, at both ends: no jump of the highest derivatives next to them; "
+        "no second (quintic: third and fourth) derivative; no first (quintic: and second) "
+        "derivative; or the table repeats itself for ever",
     )
 
     @model_validator(mode="after")
     def _is_a_table(self) -> "Table":
         times, values = self.times, self.values
-        if len(values) != len(times):
-            raise misfit(
-                "values", f"must be one for each of {len(times)} times, given {len(values)}"
-            )
-        for before, after in pairwise(times):
-            if after <= before:
-                raise misfit("times", f"must increase: {after:g} follows {before:g}")
+        fewest = _FEWEST_OF_QUINTIC if self.interpolation == "quintic" else 2
+        _require_table("times", times, values, self.file, fewest)
+        if self.interpolation == "pchip" and self.ends != "not-a-knot":
+            raise misfit("ends", "is of splines, and interpolation is pchip")
         if times[0] > 0:
             raise misfit("times", f"must begin at 0 or before, given {times[0]:g}")
         if times[-1] <= 0:
@@ -192,7 +271,9 @@ class Law(StrictModel):
         [], max_length=12, description="coefficients of 1, t, t², … of a polynomial"
     )
     sines: list[Sine] = Field([], description="further oscillations")
-    table: Table | None = Field(None, description="values at times, with a spline between them")
+    table: Table | None = Field(
+        None, description="values at times, with a spline between them, from lists or a file"
+    )
 
     @property
     def moves(self) -> bool:
@@ -450,7 +531,7 @@ class MechanismModel(StrictModel):
     title: str = Field("", description="heads drawings")
     description: str = Field("", description="what it is and how it moves, in one line")
     source: str = Field("", description="where the data come from")
-    springs: dict[str, Spring] = Field({}, description="linear springs between two points")
+    springs: dict[str, Spring] = Field({}, description="springs between two points")
     dampers: dict[str, Damper] = Field({}, description="linear dampers between two points")
     assemble: Truth = Field(False, description="initial positions are a guess; solve for them")
     project_velocities: Truth = Field(

@@ -29,6 +29,7 @@ from newmark_cli.mechanisms.elements import (
     SIZE,
     SPRING,
     SQUARE,
+    STRETCH,
     TURNED,
     TWIST,
     VALUE,
@@ -39,7 +40,7 @@ from newmark_cli.mechanisms.elements import (
     shape_of,
     times_columns,
 )
-from newmark_cli.mechanisms.timed import at_time, law, sine_cosine
+from newmark_cli.mechanisms.timed import at_time, interval, law, sine_cosine
 from newmark_cli.support.cached_code import cached_njit, part_njit
 
 _OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
@@ -174,6 +175,15 @@ def potential(t, u, v, ints, reals):
             x, y, z = first_sums(u, 1.0, (PLAIN, 1.0, 0.0), shape_of(ints, e), ints, reals, e)
             stretch = np.sqrt(x * x + y * y + z * z) - reals[0, p + 1]
             energy += reals[0, p] * stretch * stretch / 2
+        elif kind == STRETCH:
+            x, y, z = first_sums(u, 1.0, (PLAIN, 1.0, 0.0), shape_of(ints, e), ints, reals, e)
+            length = np.sqrt(x * x + y * y + z * z)
+            degree = int(reals[0, p + 1])
+            r = interval(length, reals, p + 2, int(reals[0, p]), degree + 3)
+            behind, work = length - reals[0, r], 0.0
+            for k in range(degree, -1, -1):
+                work = work * behind + reals[0, r + 2 + k] / (k + 1)
+            energy += reals[0, r + 1] + work * behind
         elif kind == FORCE:
             work = 0.0
             for k in range(ints[0, e + SINGLE]):

@@ -14,6 +14,7 @@ POWERS    coefficients of 1, t, t², …, `COUNT` of them
 SINE      A, ω, φ
 SPLINE    first and last time; `COUNT` times the beginning of an interval and
           the coefficients of (t − beginning)³, …, 1 in it
+QUINTIC   the same, from (t − beginning)⁵ on
 ========  ===================================================================
 
 Beyond the last time a spline is not a number, unless it repeats itself.  `at_time` makes of
@@ -30,6 +31,7 @@ from newmark_cli.mechanisms.laws import (
     LAW,
     MORE,
     POWERS,
+    QUINTIC,
     REPEATS,
     SINE,
     TARGET,
@@ -61,6 +63,19 @@ def law(t, reals, first, derivative):
 
 
 @_part
+def interval(x, reals, r, count, width):
+    """Where the numbers of the interval with x begin, of some of a width, from r on."""
+    low, high = 0, count - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if x >= reals[0, r + width * middle]:
+            low = middle
+        else:
+            high = middle - 1
+    return r + width * low
+
+
+@_part
 def _term(t, what, count, repeats, reals, r, derivative):
     """A term of a law of time whose numbers begin at r, or its first or second derivative."""
     real = reals.dtype.type
@@ -86,15 +101,16 @@ def _term(t, what, count, repeats, reals, r, derivative):
     slack = real(_SLACK) * (last - first)
     if not first - slack <= t <= last + slack:
         return total + real(np.nan)
-    low, high = 0, count - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if t >= reals[0, r + 2 + 5 * middle]:
-            low = middle
-        else:
-            high = middle - 1
-    r += 2 + 5 * low
+    width = 7 if what == QUINTIC else 5
+    r = interval(t, reals, r + 2, count, width)
     x = t - reals[0, r]
+    if what == QUINTIC:
+        for k in range(5, derivative - 1, -1):
+            factor = real(1)
+            for j in range(derivative):
+                factor *= real(k - j)
+            total = total * x + factor * reals[0, r + 6 - k]
+        return total
     a, b, c, d = reals[0, r + 1], reals[0, r + 2], reals[0, r + 3], reals[0, r + 4]
     if derivative == 0:
         return ((a * x + b) * x + c) * x + d

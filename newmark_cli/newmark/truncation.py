@@ -90,8 +90,14 @@ class Marched:
             return UNKNOWN if self._alternation_fed and quantity == "lambda" else order
         return UNKNOWN  # sizes and their order decide what changes that recur add up to
 
-    def transient(self, quantity: str) -> float:
-        """Order of the largest error of u, v or λ in the first steps after a change."""
+    def largest_error(self, quantity: str, since_start: bool) -> float:
+        """Order of the largest error of u, v or λ over a part of the motion.
+
+        Args:
+            quantity: One of them.
+            since_start: Whether it is the first part: like a change of h that restarts the
+                integrator, a start may leave λ O(h), so that this is its order at least.
+        """
         once = isinstance(self.sequence, Change)
         if not self.settles or not (once or self.sequence == CONSTANT):
             return UNKNOWN
@@ -101,6 +107,8 @@ class Marched:
             fed = once and self.auxiliary != RESCALE_VELOCITY
             if not self.recovers and (fed or (self.by_position and self.projection.level)):
                 return UNKNOWN
+            if not self.recovers and since_start:
+                return 1.0 if self.order > 1 else UNKNOWN
         return float(self.order)
 
     @property

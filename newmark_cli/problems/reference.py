@@ -9,7 +9,6 @@ that system has no solution.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -196,45 +195,40 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     )
 
 
-class Motion(NamedTuple):
-    """A solution at some times.
+#: u, v and λ at some times, (k, n), (k, n) and (k, m).
+States = tuple[Array, Array, Array]
 
-    Attributes:
-        start: The first of it, with estimated errors.
-        states: u, v and λ at each time.
-    """
-
-    start: Reference
-    states: list[tuple[Array, Array, Array]]
+_known: dict[tuple[str, bytes], States] = {}
 
 
-_known: dict[tuple[str, float], Reference] = {}
+def along(problem: Problem, times: Array) -> States:
+    """The solution at several times since the start (s), (k,), ascending.
 
-
-def along(problem: Problem, since: float, times: Sequence[float]) -> Motion:
-    """The solution at several times, close to one another.
-
-    Args:
-        problem: The problem.
-        since: Time since its start (s) to which `solution` goes.
-        times: Ascending times (s), later than that.
+    From each to the next by the method and the tolerance of `solution`, and back on the
+    constraints there.  It does not look for singular positions: `solution` does, up to the end.
 
     Raises:
-        NoReference: As `solution`.
+        NoReference: When the step size vanishes, or there are too many steps.
     """
-    key = problem.content, since  # cells of one problem ask for the same
-    if (start := _known.get(key)) is None:
+    key = problem.content, times.tobytes()  # twins of a march ask for the same
+    if key not in _known:
         if len(_known) >= _MOST_KNOWN:
             _known.clear()
-        start = _known[key] = solution(problem, since)
-    t, u, v = problem.t0 + since, start.u, start.v
+        _known[key] = _along(problem, times)
+    return _known[key]
+
+
+def _along(problem: Problem, times: Array) -> States:
+    t, u, v = problem.t0, problem.u0, problem.v0
     states = []
-    for time in times:
+    for time in problem.t0 + times:
         system = Index1(replace(problem, t0=t, u0=u, v0=v))
-        u, v = _integrated(system, time, _TOLERANCE, lambda: None, None)
+        with np.errstate(all="ignore"):
+            u, v = _integrated(system, time, _TOLERANCE, lambda: None, None)
+            states.append((u, v, system.accelerations(time, u, v)[1]))
         t = time
-        states.append((u, v, system.accelerations(t, u, v)[1]))
-    return Motion(start, states)
+    u_all, v_all, multipliers_all = (np.array(of) for of in zip(*states, strict=True))
+    return u_all, v_all, multipliers_all
 
 
 def _variants(problem: Problem) -> list[Problem]:

@@ -59,6 +59,7 @@ from newmark_cli.study.axis import (
     projection_text,
     setting,
 )
+from newmark_cli.study.cell import Window
 
 if TYPE_CHECKING:
     from newmark_cli.codes.given_references import ReferenceFile
@@ -264,6 +265,12 @@ class Cell:
     )
     trajectory: Kept | None = setting(
         "which steps `trajectory` keeps, and what of them; default: all",
+        column=False,
+        initial=None,
+    )
+    error: Window | None = setting(
+        "where `error` looks for the largest errors besides those at t_end: over the motion, or "
+        "in a window of it; default: nowhere",
         column=False,
         initial=None,
     )

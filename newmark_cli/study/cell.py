@@ -22,8 +22,23 @@ STATUSES = (
 #: Verdict on a series that a study may be about, besides statuses of its cells.
 NOT_CONVERGING = "not_converging"
 
+#: Rows of largest errors over a part of the motion: from its start on, and later.
+OVER_MOTION, WINDOWED = "motion_error", "window_error"
 #: What drifts: the constraints, and their rate.
 DRIFTS = ("position", "velocity")
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part of a motion, over which the largest errors are looked for."""
+
+    since: float = 0.0  #: time since the start (s)
+    until: float | None = None  #: the same of its end; None: the end of the march
+
+    @property
+    def record(self) -> str:
+        """What its rows are called: a start leaves errors that a later window does not see."""
+        return WINDOWED if self.since > 0 else OVER_MOTION
 
 
 def _vector(value: Any) -> Array:

@@ -1,7 +1,7 @@
 """Marching a cell while its measures look on."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -16,7 +16,7 @@ from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.newmark.twins import spread, twins
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
-from newmark_cli.study.cell import Outcome
+from newmark_cli.study.cell import OVER_MOTION, Outcome
 from newmark_cli.study.measures import MEASURES
 from newmark_cli.study.observers import OBSERVERS, Deviations, Observer
 from newmark_cli.support.arrays import IndexArray
@@ -72,9 +72,7 @@ def compute(
     problem = cell.problem.load()
     grid = cell.grid(problem.t0)
     march = March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
-    observers = {
-        name: OBSERVERS[name](cell, march, reference) for name in MEASURES if name in cell.measure
-    }
+    observers = {name: OBSERVERS[name](cell, march, reference) for name in _observed(cell)}
     every = [*observers.values(), _Watch(march.problem, cell.steps)]
     counts, pivoted = marched(march, cell.steps, every, on_steps)
     rows = {name: observer.measured() for name, observer in observers.items()}
@@ -101,6 +99,15 @@ def compute(
     )
 
 
+def _observed(cell: Cell) -> Iterator[str]:
+    """Names of the observers of a cell, in the order of its rows."""
+    for name in MEASURES:
+        if name in cell.measure:
+            yield name
+            if name == "error" and cell.error is not None:
+                yield OVER_MOTION
+
+
 def _by_twins(
     cell: Cell,
     observers: Mapping[str, Observer],
@@ -108,7 +115,7 @@ def _by_twins(
     on_steps: Callable[[int], None],
 ) -> dict[str, list[Deviations]]:
     """Measure with twins → deviations of the march, then of each twin."""
-    twinned = [name for name in observers if MEASURES[name].twins]
+    twinned = [name for name in observers if name == OVER_MOTION or MEASURES[name].twins]
     deviations = {name: [observers[name].deviations] for name in twinned}
     problem, scheme = cell.problem.load(), scheme_of(cell)
     grid = cell.grid(problem.t0)

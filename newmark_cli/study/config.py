@@ -58,7 +58,7 @@ REPRODUCED = ("pendulum-u", "pendulum-v", "pendulum-a", "andrews-u", "all-forms"
 BEYOND = (
     "integrators", "multipliers", "error", "tolerance", "krylov", "precision", "history",
     "cures", "cures-tolerance", "cures-krylov", "drift", "floor",
-    "spatial", "step-changes",
+    "spatial", "step-changes", "over-motion",
 )  # fmt: skip
 #: Shipped configs that take minutes, and are run by name only.
 APART = ("testset",)
@@ -102,6 +102,7 @@ class _Rules(RuledModel):
             yield from starmap(misfit, fitting.of_each_other(at))
         if self.trajectory is not None and "trajectory" not in self.measure:
             yield misfit("trajectory", "needs 'measure: trajectory'")
+        yield from self._misfits_of_the_window()
         if len(set(self.others)) < len(self.others):
             again = next(name for name in self.others if self.others.count(name) > 1)
             yield misfit("code", f"two codes are named {again}")
@@ -133,6 +134,18 @@ class _Rules(RuledModel):
                     f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}"
                     f"{_fitting(self.t_end, h, self.h)}",
                 )
+
+    def _misfits_of_the_window(self) -> Iterator[PydanticCustomError]:
+        """A window of errors without errors, or beyond the end of the shortest march."""
+        if self.error is None:
+            return
+        if "error" not in self.measure:
+            yield misfit("error", "needs 'measure: error'")
+        until = self.error.value().until
+        ends = [self.t_end] if self.t_end else [(self.steps or 0) * h for h in self.h]
+        if until is not None and until > min(ends) * (1 + 1e-9):
+            text = f"ends at {until:g}, and the march at {min(ends):g}"
+            yield misfit("error", f"over {text}")
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
         """Why these keys leave nothing of a measure."""
@@ -275,6 +288,7 @@ class _Rules(RuledModel):
                 steps=steps,
                 krylov=self.krylov.value() if at["linear_solver"] == GMRES else None,
                 trajectory=self.kept,
+                error=self.error.value() if self.error is not None else None,
                 twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
                 **{name: getattr(self, name) for name in _AS_GIVEN},
             )
@@ -318,7 +332,8 @@ else:
 _AS_GIVEN = [
     axis.name
     for axis in axes.cell_axes()
-    if not axis.cell and axis.name not in ("t_end", "steps", "krylov", "trajectory", "twins")
+    if not axis.cell
+    and axis.name not in ("t_end", "steps", "krylov", "trajectory", "error", "twins")
 ]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import MISSING, fields
-from typing import Annotated, Any, ClassVar, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -49,7 +49,7 @@ from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError
 from newmark_cli.study import axes, own_classes
 from newmark_cli.study.axes import SATURATION
 from newmark_cli.study.axis import Axis
-from newmark_cli.study.cell import NOT_CONVERGING, STATUSES
+from newmark_cli.study.cell import NOT_CONVERGING, STATUSES, Window
 from newmark_cli.study.kinds import (
     MOST_STEPS,
     Count,
@@ -532,6 +532,26 @@ class TrajectoryConfig(Valued):
         return Kept(self.every or 1, times, self.keep)
 
 
+class ErrorConfig(Valued):
+    """Where `measure: error` looks for the largest errors, besides those at the end."""
+
+    over: Literal["motion"] | tuple[Number, Number] = Field(
+        description="motion: from the start to t_end; or from a time to a later one, [t0, t1] (s)"
+    )
+
+    @model_validator(mode="after")
+    def _ascends(self) -> "ErrorConfig":
+        if self.over != "motion" and not 0 <= self.over[0] < self.over[1]:
+            since, until = self.over
+            text = f"must be [t0, t1] with 0 ≤ t0 < t1, given [{since:g}, {until:g}]"
+            raise misfit("over", text)
+        return self
+
+    def value(self) -> Window:
+        """The core's value."""
+        return Window() if self.over == "motion" else Window(*map(float, self.over))
+
+
 #: Key of a case → what a config may give, where that is not a name, or a list of names.
 _GIVEN: Mapping[str, Any] = {
     "problem": OneOrMore[
@@ -563,6 +583,7 @@ _GIVEN: Mapping[str, Any] = {
     "twins": Annotated[int, Strict(), Field(ge=0, le=100), WHOLE],
     "krylov": KrylovConfig,
     "trajectory": TrajectoryConfig | None,
+    "error": ErrorConfig | None,
     "accept": OneOrMore[Annotated[str, Known("status", (*STATUSES[1:], NOT_CONVERGING))]],
 }
 

@@ -26,7 +26,7 @@ from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.truncation import Marched
 from newmark_cli.study.axes import SATURATION, SeriesKey, value_text
 from newmark_cli.study.axis import GIVEN_BY
-from newmark_cli.study.cell import DRIFTS
+from newmark_cli.study.cell import DRIFTS, OVER_MOTION, WINDOWED
 from newmark_cli.support.arrays import Array
 
 if TYPE_CHECKING:
@@ -70,8 +70,6 @@ OF_TRAJECTORIES = (*KEPT, ENERGY, OUTPUT, *DRIFTS)
 FLOOR_OF: Mapping[str, str] = MappingProxyType(
     {"correction": "floor", "physical_correction": "physical_floor"}
 )
-#: Steps after a change of h in which the largest error is looked for.
-WINDOW = 40
 
 
 def _unpredicted(key: SeriesKey) -> float:
@@ -275,6 +273,31 @@ def _over_time(name: str, quantities: tuple[str, ...]) -> Record:
     )
 
 
+_WITH_ERRORS = ("u", "v", "lambda", *OF_OUTPUTS)
+
+
+def _over_motion(name: str, where: str, since_start: bool) -> Record:
+    def predicted(key: SeriesKey) -> float:
+        return _march_of(key).largest_error(OF_OUTPUTS.get(key.quantity, key.quantity), since_start)
+
+    def bound(key: SeriesKey) -> str:
+        multipliers = key.quantity in OF_MULTIPLIERS
+        low = multipliers and since_start and predicted(key) < _march_of(key).order
+        return "where Gᵀu‴ = 0 at the start, λ keeps its order" if low else ""
+
+    return Record(
+        name,
+        lambda key: f"error of {symbol(key.quantity)} {where}",
+        lambda key: f"largest error {where}, ${_ratio(key.quantity)}$",
+        "max",
+        predicted,
+        0.2,
+        kind="truncation",
+        bounded=bound,
+        quantities=_WITH_ERRORS,
+    )
+
+
 _MEASURES = (
     Measure(
         "correction",
@@ -331,7 +354,8 @@ _MEASURES = (
         "relative errors of u, v, λ at `t_end`, in space also of angular velocities, reaction "
         "forces and moments: against the exact motion (pendulum), the published one (andrews, "
         "t = 0.03), or one that is computed from the index-1 equations at high order, kept in "
-        "`results/references/` with an estimate of its own error",
+        "`results/references/` with an estimate of its own error; with the key `error` also the "
+        "largest errors over the motion, or over a window of it",
         (
             Record(
                 "error",
@@ -342,8 +366,10 @@ _MEASURES = (
                 0.2,
                 kind="truncation",
                 at_end=True,
-                quantities=("u", "v", "lambda", *OF_OUTPUTS),
+                quantities=_WITH_ERRORS,
             ),
+            _over_motion(OVER_MOTION, "over the motion", since_start=True),
+            _over_motion(WINDOWED, "in a window", since_start=False),
         ),
         at_end=True,
         reference=True,
@@ -423,24 +449,6 @@ _MEASURES = (
         "sampled states",
         _scaled_and_physical("floor", "predicted ", "predicted floor of"),
         stop=False,
-    ),
-    Measure(
-        "transient",
-        f"largest relative errors of u, v, λ in the {WINDOW} steps after a change of the step "
-        "size; without one, and where changes recur, after the middle of the march",
-        (
-            Record(
-                "transient",
-                lambda key: f"error of {symbol(key.quantity)} after a change",
-                lambda key: f"error after a change of $h$, ${_ratio(key.quantity)}$",
-                "max",
-                lambda key: _march_of(key).transient(key.quantity),
-                0.2,
-                kind="truncation",
-                quantities=("u", "v", "lambda"),
-            ),
-        ),
-        twins=True,
     ),
 )
 #: Measures by name, in the order of a cell's rows.

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from newmark_cli.mechanisms import loading, registry
+from newmark_cli.mechanisms import loading, registry, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import ForcedMechanism, ProblemSpec, with_ending
 from newmark_cli.newmark.integrator import Integrator
@@ -72,13 +72,13 @@ def describe(name: str, allow_code: bool) -> list[str]:
         if path.suffix not in (".yaml", ".yml") and not path.exists() and not is_study(name):
             return _summary(name, problem_named(name, allow_code).load())
         name = str(path)
-    file = documents.fetch(path, name)
+    file = tables_beside.fetch(path, name)
     document = file.document()
     if loading.is_mechanism(document.data):
         if allow_code and loading.has_code(document.data):
             problem = ForcedMechanism(file, path.absolute()).load()
         else:
-            problem = loading.built(name, document)
+            problem = loading.loaded(file, name)
         warn(*problem.doubts)
         from newmark_cli.mechanisms import guess
 

@@ -1,6 +1,6 @@
 """Observers: what each measure sees of a march, and the rows that it makes of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from types import MappingProxyType
@@ -22,15 +22,17 @@ from newmark_cli.newmark.steps import Change
 from newmark_cli.newmark.trajectory import Recorder, Trajectory
 from newmark_cli.newmark.twins import beside
 from newmark_cli.problems import reference as references
-from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.multipliers import relative, weights, weights_at_start
 from newmark_cli.problems.problem import Outputs, Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
-from newmark_cli.study.cell import DRIFTS
-from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, OF_TRAJECTORIES, WINDOW, kind_of
-from newmark_cli.support.arrays import Array, IndexArray, Mask
+from newmark_cli.study.cell import DRIFTS, OVER_MOTION
+from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, OF_TRAJECTORIES, kind_of
+from newmark_cli.support.arrays import Array, IndexArray
 
+#: Steps of a window at which errors over it are looked for at most, unless h changes in it, and
+#: those behind its start or a change of h that are all among them.
+MOST_LOOKS, AFTER = 200, 40
 #: Quantity → (samples, k) by how much components of it are off at each sample, with their
 #: signs, in the unit of the row, whose statistics are those of the largest of each sample.
 Deviations = Mapping[str, Array]
@@ -262,10 +264,25 @@ def error_of(reference: Any, quantity: str) -> float:
     return float(getattr(reference, f"{name}_error", 0.0))
 
 
-def _groups(outputs: Outputs) -> dict[str, Mask]:
-    """Kind of output → (k,) mask of the outputs of that kind."""
+def off_outputs(
+    outputs: Outputs, here: Array, there: Array, u: Array
+) -> Iterator[tuple[str, Array]]:
+    """Kind of output → by how much those of that kind are off, relative to the largest of them.
+
+    Args:
+        outputs: Their names, and the length that moments refer to.
+        here, there: (…, k) outputs of a march, and those of the motion.
+        u: (n,) coordinates of the motion.
+    """
     names = [kind_of(name) for name in outputs.names]
-    return {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
+    groups = {kind: np.array(names) == kind for kind in OF_OUTPUTS if kind in names}
+    for kind, of in groups.items():
+        size = float(np.abs(there[..., of]).max())
+        if kind == "moment":
+            # Moments about axes that turn freely are rounding of those of forces.
+            lever = outputs.length(u)
+            size = max(lever * float(np.abs(there[..., groups["force"]]).max()), size)
+        yield kind, relative(here[..., of] - there[..., of], size)
 
 
 def errors(
@@ -276,45 +293,105 @@ def errors(
     Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.  Without a
     reference there are none; of a problem with outputs there are errors of these, too.
     """
-    off: dict[str, list[Array]] = {"u": [], "v": [], "lambda": []}
+    off = _no_errors(problem)
+    if reference is None:
+        return off
+    u, v = np.asarray(state.fields[:2], float)
+    off["u"], off["v"] = (
+        relative(here - there, float(np.abs(there).max()))[None]
+        for here, there in ((u, reference.u), (v, reference.v))
+    )
+    off["lambda"] = relative(state.multipliers - reference.multipliers, reference.scales)[None]
     if problem is not None and problem.outputs is not None:
-        groups = _groups(problem.outputs)
-        off |= {kind: [] for kind in groups}
-        if reference is not None:
-            u, v = np.asarray(state.fields[:2], float)
-            multipliers = np.asarray(state.multipliers, float)
-            here = problem.outputs.values(problem, t, u, v, multipliers)
-            there = problem.outputs.values(
-                problem, t, reference.u, reference.v, reference.multipliers
+        here, there = (
+            problem.outputs.values(problem, t, *of)
+            for of in (
+                (u, v, np.asarray(state.multipliers, float)),
+                (reference.u, reference.v, reference.multipliers),
             )
-            for kind, of in groups.items():
-                size = float(np.abs(there[of]).max())
-                if kind == "moment":
-                    # Moments about axes that turn freely are rounding of those of forces.
-                    lever = problem.outputs.length(reference.u)
-                    size = max(lever * float(np.abs(there[groups["force"]]).max()), size)
-                off[kind].append(relative(here[of] - there[of], size))
-    if reference is not None:
-        fields = zip(state.fields[:2], (reference.u, reference.v), strict=True)
-        off["u"], off["v"] = (
-            [relative(here - there, float(np.abs(there).max()))] for here, there in fields
         )
-        off["lambda"].append(relative(state.multipliers - reference.multipliers, reference.scales))
-    return _at_samples(off)
+        off |= {
+            kind: of[None] for kind, of in off_outputs(problem.outputs, here, there, reference.u)
+        }
+    return off
 
 
-class _Transients(Observer):
-    """Errors in a window after a change of the step size."""
+def _no_errors(problem: Problem | None) -> dict[str, Array]:
+    """Quantity that has errors → none of it, as `Deviations`."""
+    outputs = problem.outputs.names if problem is not None and problem.outputs is not None else ()
+    kinds = [kind for kind in OF_OUTPUTS if any(f".{kind}." in name for name in outputs)]
+    return {name: np.zeros((0, 1)) for name in ("u", "v", "lambda", *kinds)}
+
+
+def motion_errors(problem: Problem, t: Array, here: Mapping[str, Array]) -> Deviations:
+    """Errors at some times, component by component, relative to the largest over these times.
+
+    Args:
+        problem: What was marched.
+        t: (k,) times (s), ascending.
+        here: u, v, lambda and, of a problem that has any, output → (k, …) at these times; what
+            is missing has no errors.
+    """
+    if not len(t):
+        return {}
+    try:
+        motion = references.along(problem, t - problem.t0)
+    except references.NoReference:
+        return {}
+    there = dict(zip(("u", "v", "lambda"), motion, strict=True))
+    end = motion[0][-1]
+    sizes: dict[str, Any] = {name: float(np.abs(there[name]).max()) for name in ("u", "v")}
+    if problem.m:
+        largest = np.abs(there["lambda"]).max(axis=0)
+        sizes["lambda"] = weights(problem, float(t[-1]), end).scales(largest)
+    off = {
+        name: relative(here[name] - there[name], size)
+        for name, size in sizes.items()
+        if name in here
+    }
+    if problem.outputs is not None and "output" in here:
+        exact = outputs_along(problem, t, motion)
+        off |= dict(off_outputs(problem.outputs, here["output"], exact, end))
+    return off
+
+
+def outputs_along(problem: Problem, t: Array, states: references.States) -> Array:
+    """(k, …) outputs of a problem that has some at (k,) times and states."""
+    assert problem.outputs is not None
+    along = zip(t, *states, strict=True)
+    return np.array([problem.outputs.values(problem, *state) for state in along])
+
+
+def looked_at(first: int, last: int, changes: Sequence[int] = ()) -> IndexArray:
+    """Steps of a window at which errors are looked for: all of them, or the most telling.
+
+    What the start of the window or a change of h leaves dies out after a number of steps, however
+    short they are: the first `AFTER` of them are among those of a long window.
+    """
+    every = np.arange(first, last + 1)
+    if len(every) <= MOST_LOOKS:
+        return every
+    spread = np.round(np.linspace(first, last, MOST_LOOKS - AFTER * (1 + len(changes))))
+    behind = [begin + np.arange(AFTER) for begin in (first, *changes)]
+    steps = np.unique(np.concatenate([spread.astype(np.int64), *behind]))
+    return steps[(steps >= first) & (steps <= last)]
+
+
+class _MotionErrors(Observer):
+    """Errors over the motion, or a part of it."""
 
     def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
         super().__init__(cell, march, reference)
+        assert cell.error is not None
         # A twin's problem begins elsewhere.
         self._problem = cell.problem.load()
-        # Of changes that recur, those in the middle of the march.
-        of_all = cell.h_sequence.at if isinstance(cell.h_sequence, Change) else cell.t_end / 2
-        self._since = float(of_all)
-        first = march.grid.reaching(self._problem.t0 + self._since)
-        self.stops = frozenset(range(first + 1, min(first + WINDOW, cell.steps) + 1))
+        t0, grid = self._problem.t0, march.grid
+        since, until = cell.error.since, cell.error.until
+        first = grid.reaching(t0 + since) + 1
+        last = cell.steps if until is None else min(grid.reaching(t0 + until), cell.steps)
+        change = cell.h_sequence.at if isinstance(cell.h_sequence, Change) else -1.0
+        changes = [grid.reaching(t0 + change) + 1] if change >= since else []
+        self.stops = frozenset(looked_at(first, last, changes).tolist())
         self._seen: list[tuple[float, Array, Array, Array]] = []
 
     def sees(self, march: March) -> None:
@@ -322,42 +399,21 @@ class _Transients(Observer):
         self._seen.append((march.t, u, v, march.multipliers))
 
     @cached_property
-    def _exact(self) -> Any:
-        """The exact motion at those times; None if it cannot be computed."""
-        try:
-            return references.along(self._problem, self._since, [t for t, *_ in self._seen])
-        except references.NoReference:
-            return None
-
-    @cached_property
     def deviations(self) -> Deviations:
-        names, problem = ("u", "v", "lambda"), self._problem
-        if self._exact is None or not self._seen:
-            return _at_samples({name: [] for name in names})
-        # Sizes where the window begins, which are those of any h, and at the start.
-        begin = self._exact.start
-        _, first = Index1(problem).accelerations(problem.t0, problem.u0, problem.v0)
-        sizes = (
-            max(np.abs(begin.u).max(), np.abs(problem.u0).max()),
-            max(np.abs(begin.v).max(), np.abs(problem.v0).max()),
-            weights(problem, problem.t0 + self._since, begin.u).scales(
-                np.maximum(np.abs(begin.multipliers), np.abs(first))
-            ),
-        )
-        there = zip(*(state for _, *state in self._seen), strict=True)
-        exact = zip(*self._exact.states, strict=True)
-        return {
-            name: np.array(
-                [relative(ours - exact, size) for ours, exact in zip(here, true, strict=True)]
-            )
-            for name, here, true, size in zip(names, there, exact, sizes, strict=True)
-        }
+        if not self._seen or self.reference is None:
+            return _no_errors(self._problem)
+        t, *states = (np.array(of) for of in zip(*self._seen, strict=True))
+        here = dict(zip(("u", "v", "lambda"), states, strict=True))
+        if self._problem.outputs is not None:
+            here["output"] = outputs_along(self._problem, t, (states[0], states[1], states[2]))
+        return motion_errors(self._problem, t, here) or _no_errors(self._problem)
 
     def unresolved(self, quantity: str) -> float:
-        return error_of(self._exact and self._exact.start, quantity)
+        return error_of(self.reference, OF_OUTPUTS.get(quantity, quantity))
 
     def measured(self) -> list[Measurement]:
-        return _of_largest("transient", self.deviations)
+        assert self.cell.error is not None
+        return _of_largest(self.cell.error.record, self.deviations)
 
 
 class _Invariants(_Sampler):
@@ -514,6 +570,6 @@ OBSERVERS: Mapping[str, type[Observer]] = MappingProxyType(
         "tolerance": _Iterations,
         "trajectory": _Trajectories,
         "floor": _Floors,
-        "transient": _Transients,
+        OVER_MOTION: _MotionErrors,
     }
 )

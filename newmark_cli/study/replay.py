@@ -6,7 +6,7 @@ package with the same method and step size.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, cast
 
@@ -25,11 +25,19 @@ from newmark_cli.problems.multipliers import relative
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import OURS, Cell
-from newmark_cli.study.cell import Outcome
+from newmark_cli.study.cell import Outcome, Window
 from newmark_cli.study.compute import marched, scheme_of, with_rounding
-from newmark_cli.study.measures import OF_OUTPUTS, kind_of
-from newmark_cli.study.observers import OBSERVERS, Deviations, error_of, over_time
+from newmark_cli.study.measures import OF_OUTPUTS
+from newmark_cli.study.observers import (
+    OBSERVERS,
+    Deviations,
+    error_of,
+    motion_errors,
+    off_outputs,
+    over_time,
+)
 from newmark_cli.study.observers import invariants as compared
+from newmark_cli.study.observers import looked_at as looked_over
 from newmark_cli.support.arrays import Array
 
 #: What can be measured of states alone.
@@ -115,13 +123,14 @@ def measured(
         marches: In place of a march of this package: what is known of it, see `OwnRuns`.
     """
     problem, (run, *others) = cell.problem.load(), runs
-    off = deviations(run, problem, reference)
-    spread = [off, *(deviations(other, problem, reference) for other in others)]
+    window = cell.error if "error" in cell.measure else None
+    off, *spread = (deviations(of, problem, reference, window) for of in runs)
+    spread = [off, *spread]
     wanted = [name for name in OF_STATES if name in cell.measure]
     if not others and cell.twins and {"error", "invariant"} & {*wanted}:
         own = (marches or of_march)(cell, run.t)
         # A march that projects or recovers, and its twins, agree with what they meet to the bit.
-        spread = [deviations(twin, problem, reference, k) for k, twin in enumerate(own)]
+        spread = [deviations(twin, problem, reference, window, k) for k, twin in enumerate(own)]
     rows: dict[str, list[Measurement]] = {}
     for name, values in off.items():
         measure, _, quantity = name.partition(" ")
@@ -136,7 +145,12 @@ def measured(
         kept = cell.trajectory or Kept()
         trajectory, rows["trajectory"] = over_time(problem, kept, _kept_of(run, kept, cell))
     return Outcome(
-        measurements=[row for name in wanted for row in rows.get(name, [])],
+        measurements=[
+            row
+            for name in wanted
+            for record in _records(name, window)
+            for row in rows.get(record, [])
+        ],
         not_converged=0,
         newton_iterations=float(np.mean(counts)) if len(counts) else np.nan,
         status="ok",
@@ -144,9 +158,13 @@ def measured(
     )
 
 
+def _records(measure: str, window: Window | None) -> list[str]:
+    return [measure, window.record] if window and measure == "error" else [measure]
+
+
 def _unresolved(measure: str, quantity: str, reference: Reference | None) -> float:
     """By how much what a quantity deviates from may be off itself."""
-    if measure != "error":
+    if measure == "invariant":
         # What is printed of u and v is rounded itself, however well our own march meets it.
         return _EPS
     return error_of(reference, OF_OUTPUTS.get(quantity, quantity))
@@ -174,7 +192,11 @@ def _kept_of(run: Run, kept: Kept, cell: Cell) -> Trajectory:
 
 
 def deviations(
-    run: Run, problem: Problem, reference: Reference | None, aside: int = 0
+    run: Run,
+    problem: Problem,
+    reference: Reference | None,
+    window: Window | None = None,
+    aside: int = 0,
 ) -> Deviations:
     """“measure quantity” → (samples, k) by how much components are off, relative to their size.
 
@@ -182,6 +204,7 @@ def deviations(
         run: A run; what it has no columns of is left out.
         problem: What was solved.
         reference: The solution at its last row; no errors without it.
+        window: Part of the motion over which there are errors of its rows, too.
         aside: Which twin of a march of this package it is, whose invariants are looked at with
             other last places of u and v; 0 of none.
     """
@@ -198,8 +221,15 @@ def deviations(
         if problem.m:
             there = reference.multipliers
             note("error lambda", relative(end["lambda"] - there, reference.scales))
-        for kind, off in _off_outputs(run, problem, reference):
-            note(f"error {kind}", off)
+        if problem.outputs is not None and "output" in run.state:
+            exact = problem.outputs.values(
+                problem, run.t[-1], reference.u, reference.v, reference.multipliers
+            )
+            for kind, off in off_outputs(problem.outputs, end["output"], exact, reference.u):
+                note(f"error {kind}", off)
+        if window is not None:
+            over = _over_window(run, problem, window)
+            by_name |= {f"{window.record} {name}": off for name, off in over.items()}
     samples = [misfits_at(problem, run, row, aside) for row in looked_at(run, problem)]
     samples = [sample for sample in samples if sample]
     if samples:
@@ -209,22 +239,21 @@ def deviations(
     return by_name
 
 
-def _off_outputs(run: Run, problem: Problem, reference: Reference) -> Iterator[tuple[str, Array]]:
-    """Kind of output → by how much those of the last row are off."""
-    if problem.outputs is None or "output" not in run.state:
-        return
-    here, there = run.state["output"][-1], problem.outputs.values(
-        problem, run.t[-1], reference.u, reference.v, reference.multipliers
-    )  # fmt: skip
-    kinds = np.array([kind_of(name) for name in problem.outputs.names])
-    for kind in OF_OUTPUTS:
-        of = kinds == kind
-        if of.any():
-            size = float(np.abs(there[of]).max())
-            if kind == "moment":
-                lever = problem.outputs.length(reference.u)
-                size = max(size, lever * float(np.abs(there[kinds == "force"]).max()))
-            yield kind, relative(here[of] - there[of], size)
+def _over_window(run: Run, problem: Problem, window: Window) -> Deviations:
+    """Errors of the rows in a window, see `newmark_cli.study.observers.motion_errors`."""
+    until = np.inf if window.until is None else window.until
+    since_start = run.t - problem.t0
+    slack = _SAME_STEP * np.diff(run.t, prepend=problem.t0)
+    rows = np.flatnonzero((since_start > window.since + slack) & (since_start <= until + slack))
+    if not len(rows):
+        return {}
+    rows = rows[looked_over(0, len(rows) - 1)]
+    here = {part: values[rows] for part, values in run.state.items()}
+    off = motion_errors(problem, run.t[rows], here)
+    # Components without a column, and rows without a number.
+    known = {name: of[:, ~np.isnan(of).all(axis=0)] for name, of in off.items()}
+    known = {name: of[~np.isnan(of).any(axis=1)] for name, of in known.items()}
+    return {name: of for name, of in known.items() if of.size}
 
 
 def looked_at(run: Run, problem: Problem) -> list[int]:

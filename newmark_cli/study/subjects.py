@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationInfo
 
-from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms import loading, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import (
@@ -95,7 +95,7 @@ def _labelled(text: str, around: Surroundings) -> Any:
 
 def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
     """What a mechanism file says now."""
-    file = documents.fetch(path, name)
+    file = tables_beside.fetch(path, name)
     if around.allow_code and _has_code(file):
         return ForcedMechanism(file, path).read(around.timeout)
     mechanism = MechanismFile(file)

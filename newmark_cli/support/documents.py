@@ -352,6 +352,8 @@ class File:
 
     name: str  #: file as the user named it
     content: bytes = field(repr=False)  #: what it said
+    #: name → content of files that it names, of a kind of file that may name some
+    beside: tuple[tuple[str, bytes], ...] = field(default=(), repr=False)
 
     def document(self) -> Document:
         """The document in it.

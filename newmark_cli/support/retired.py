@@ -41,6 +41,11 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
             "number shows what alternates from step to step",
         ),
         "drift": ("trajectory", "take measure: trajectory and trajectory: {keep: drift}"),
+        "transient": (
+            "error",
+            "take measure: error and error: {over: [t0, t1]}, from the change on, whose rows are "
+            "window_error",
+        ),
         "stopping": ("step-changes", "the page on studies says what `stop` can test"),
     }
 )

@@ -264,17 +264,18 @@ preconditioning: optimal
 integrator: bdf2
 h_sequence: {change: 0.5, at: 1.0}
 auxiliary: [rescale-velocity, keep]
-measure: [error, transient]
+measure: error
+error: {over: [1.0, 1.1]}
 h: [1e-2, 5e-3, 2.5e-3]
 t_end: 1.5
 expect:
-  - {measure: transient, quantity: lambda, auxiliary: keep, slope: 1}
+  - {measure: window_error, quantity: lambda, auxiliary: keep, slope: 1}
 """)  # fmt: skip
     cli("run", "behind.yaml")
     rows = pd.read_csv(cli.folder / "results" / "behind.csv").query("quantity == 'lambda'")
     for auxiliary, order in (("rescale-velocity", 2), ("keep", 1)):
         of_series = rows[rows.auxiliary == auxiliary].sort_values("h")
-        behind = of_series[of_series.measure == "transient"]["max"].to_numpy()
+        behind = of_series[of_series.measure == "window_error"]["max"].to_numpy()
         at_end = of_series[of_series.measure == "error"]["last"].to_numpy()
         assert np.log2(behind[-1] / behind[0]) / 2 == pytest.approx(order, abs=0.15)
         assert np.log2(at_end[-1] / at_end[0]) / 2 == pytest.approx(2, abs=0.15)

@@ -66,7 +66,7 @@ def test_shipped_configs_read_alike_as_data():
         assert plain(data) == plain(study.model_dump(mode="json", exclude_none=True)), name
     assert {name for name, data in shipped.configs().items() if plain(data)} == {
         "cures", "drift", "error", "floor", "history", "krylov", "multipliers", "precision",
-        "step-changes", "tolerance",
+        "over-motion", "step-changes", "tolerance",
     }  # fmt: skip
 
 

@@ -187,7 +187,8 @@ def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0.005, "0.005"), (0.0005, "5·10⁻⁴"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")]
+    ("value", "text"),
+    [(0.005, "0.005"), (0.0005, "5·10⁻⁴"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")],
 )
 def test_ticks_of_short_axes(value, text):
     """Numbers of less than two powers of ten on an axis: large ones as powers."""
