@@ -1,4 +1,4 @@
-"""Settings of Exudyn for its two scripts.
+"""Settings of Exudyn for its two codes.
 
 Newton ends where the residual is below relativeTolerance (1e-8) times that at the start of the
 step, or below absoluteTolerance (1e-10).  The cure for λ of index 2 is to ask for more.
@@ -6,16 +6,9 @@ step, or below absoluteTolerance (1e-10).  The cure for λ of index 2 is to ask 
 
 import exudyn
 
-SERIES = {  # label → useNewmark, useIndex2Constraints, both tolerances of Newton
-    "Exudyn, generalized-α 0.9, index 3": (False, False, None),
-    "Exudyn, trapezoidal, index 3": (True, False, None),
-    "Exudyn, trapezoidal, index 2": (True, True, None),
-    "Exudyn, trapezoidal, index 2, tolerance 1e-13": (True, True, 1e-13),
-}
 
-
-def integrated(system, t_end, h, trapezoidal, index_2, tolerance):
-    """March a system: Newton iterations and steps, and a message if Exudyn says that it failed."""
+def marched(system, t_end, h, trapezoidal=False, index_2=False, tolerance=None):
+    """March a system to its end: Newton's iterations per step."""
     settings = exudyn.SimulationSettings()
     settings.solution.file.write = False
     time = settings.timeIntegration
@@ -26,5 +19,6 @@ def integrated(system, t_end, h, trapezoidal, index_2, tolerance):
     if tolerance:
         time.newton.relativeTolerance = time.newton.absoluteTolerance = tolerance
     solver = exudyn.MainSolverImplicitSecondOrder()
-    message = "" if solver.SolveSystem(system, settings) else "SolveSystem returned False"
-    return (solver.it.newtonStepsCount, time.numberOfSteps), message
+    if not solver.SolveSystem(system, settings):
+        raise RuntimeError("SolveSystem returned False")
+    return solver.it.newtonStepsCount / time.numberOfSteps

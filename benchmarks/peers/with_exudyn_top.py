@@ -1,17 +1,16 @@
 """Exudyn's own rigid body with Euler parameters on its own spherical joint: the heavy top."""
 
-from functools import partial
-
 import exudyn
 import numpy as np
-from common import STEPS, Result, Run, main
 from exudyn.utilities import RigidBodyInertia
-from exudyn_steps import SERIES, integrated
+from exudyn_steps import marched
+from rows import last_row
 
 SHOWN = exudyn.OutputVariableType
 
 
-def march(t_end, h, *how):
+def solve(problem, h, t_end, u0, v0, **settings):
+    """The row at `t_end`; the start is that of the problem, as Euler parameters have others."""
     system = exudyn.SystemContainer().AddSystem()
     ground = system.CreateGround()
     body = system.CreateRigidBody(
@@ -25,24 +24,14 @@ def march(t_end, h, *how):
     joint = system.CreateSphericalJoint(itemNumbers=[ground, body], position=[0, 0, 0])
     joint = joint[0] if isinstance(joint, (list, tuple)) else joint
     system.Assemble()
-    counted, message = integrated(system, t_end, h, *how)
+    iterations = marched(system, t_end, h, **settings)
 
     def output(kind, at=(0, -1, 0)):
         return np.array(system.GetObjectOutputBody(body, kind, localPosition=list(at)))
 
     axes = output(SHOWN.RotationMatrix).reshape(3, 3).T
     rates = np.cross(output(SHOWN.AngularVelocity), axes)
-    u = np.concatenate([output(SHOWN.Position), *axes])
-    v = np.concatenate([output(SHOWN.Velocity), *rates])
+    u = [output(SHOWN.Position), *axes]
+    v = [output(SHOWN.Velocity), *rates]
     force = -system.GetObjectOutput(joint, SHOWN.Force)  # on the top
-    return Result(u, v, np.append(np.full(6, np.nan), force), *counted, message)
-
-
-def runs(name, problem, t_end):
-    for label, how in SERIES.items() if name == "heavy-top" else ():
-        for h in STEPS[name]:
-            yield Run(label, "h", h, partial(march, t_end, h, *how))
-
-
-if __name__ == "__main__":
-    main(runs)
+    return last_row(problem, t_end, u, v, force, iterations=iterations)

@@ -5,18 +5,10 @@ be at least 2h, which is the hardest that it allows, and is the cure here.  With
 `solimp` close to 1 constraints are harder still.
 """
 
-from functools import partial
-
 import mujoco
 import numpy as np
-from common import STEPS, Result, Run, main
+from rows import last_row
 
-SERIES = {  # label → integrator, solref of a step size, solimp
-    "MuJoCo, Euler, default": ("Euler", lambda h: 0.02, "0.9 0.95 0.001"),
-    "MuJoCo, Euler, solref 2h": ("Euler", lambda h: 2 * h, "0.9 0.95 0.001"),
-    "MuJoCo, Euler, solref 2h, solimp 0.9999": ("Euler", lambda h: 2 * h, "0.9999 0.9999 0.001"),
-    "MuJoCo, RK4, solref 2h, solimp 0.9999": ("RK4", lambda h: 2 * h, "0.9999 0.9999 0.001"),
-}
 PENDULUM = """<mujoco><option timestep="{h}" gravity="0 -9.81 0" integrator="{integrator}"/>
 <worldbody><site name="O"/><body pos="1 0 0"><joint type="slide" axis="1 0 0"/>
 <joint type="slide" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
@@ -30,31 +22,31 @@ TOP = """<mujoco><option timestep="{h}" gravity="0 0 -9.81" integrator="{integra
 </mujoco>"""
 
 
-def march(text, problem, t_end, h, integrator, solref, solimp):
-    settings = {"integrator": integrator, "solref": solref(h), "solimp": solimp}
-    model = mujoco.MjModel.from_xml_string(text.format(h=h, **settings))
+def solve(problem, h, t_end, u0, v0, integrator="Euler", hard=False, impedance=0.0):
+    """The row at `t_end`, from the start of the problem.
+
+    Args:
+        integrator: Euler or RK4.
+        hard: Whether the time constant is 2h.
+        impedance: Both ends of `solimp`; 0 for its default.
+    """
+    planar = problem.n == 2
+    settings = {
+        "integrator": integrator,
+        "solref": 2 * h if hard else 0.02,
+        "solimp": f"{impedance} {impedance} 0.001" if impedance else "0.9 0.95 0.001",
+    }
+    text = (PENDULUM if planar else TOP).format(h=h, **settings)
+    model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    data.qvel[:] = [0, -1] if problem.n == 2 else [0, 0, 0, 0, 150, -4.61538]
-    steps = round(t_end / h)
-    mujoco.mj_step(model, data, steps)
+    data.qvel[:] = [0, -1] if planar else [0, 0, 0, 0, 150, -4.61538]
+    mujoco.mj_step(model, data, round(t_end / h))
     mujoco.mj_forward(model, data)  # λ of the state that the last step has reached
-    if problem.n == 2:
-        u, v, multipliers = data.qpos + problem.u0, data.qvel, data.efc_force
-    else:
-        axes = data.xmat[1].reshape(3, 3)
-        v = [data.qvel[:3], *np.cross(axes @ data.qvel[3:], axes.T)]
-        u, v = np.ravel([data.qpos[:3], *axes.T]), np.ravel(v)
-        multipliers = np.append(np.full(6, np.nan), data.efc_force)
     warned = [mujoco.mju_warningText(k, 0) for k, w in enumerate(data.warning) if w.number]
-    return Result(u, v, multipliers, calls=steps, message=". ".join(warned))
-
-
-def runs(name, problem, t_end):
-    text = {"thrown-pendulum": PENDULUM, "heavy-top": TOP}.get(name)
-    for label, how in SERIES.items() if text else ():
-        for h in STEPS[name][:5]:
-            yield Run(label, "h", h, partial(march, text, problem, t_end, h, *how))
-
-
-if __name__ == "__main__":
-    main(runs)
+    if warned:
+        raise RuntimeError(". ".join(warned))
+    if planar:
+        return last_row(problem, t_end, data.qpos + problem.u0, data.qvel, data.efc_force)
+    axes = data.xmat[1].reshape(3, 3)
+    v = [data.qvel[:3], *np.cross(axes @ data.qvel[3:], axes.T)]
+    return last_row(problem, t_end, [data.qpos[:3], *axes.T], v, data.efc_force)

@@ -1,25 +1,34 @@
 """OpenSees by OpenSeesPy: the rod is a corotational truss, a stiff spring in place of a constraint.
 
-Needs the libraries of its own folder on LD_LIBRARY_PATH, which `run.py` puts there.  The start of
-a Transient analysis has no acceleration unless it is set: the cure is a consistent start, with
-the acceleration and the stretch of the rod that belong to u and v, and HHT in place of Newmark.
+The start of a Transient analysis has no acceleration unless it is set: the cure is a consistent
+start, with the acceleration and the stretch of the rod that belong to u and v, and HHT in place of
+Newmark.
 """
 
-from functools import partial
+import ctypes
+from importlib import util
+from pathlib import Path
 
-import openseespy.opensees as ops
-from common import STEPS, Result, Run, main
+from rows import last_row
 
-NEWMARK, HHT = ("Newmark", 0.5, 0.25), ("HHT", 0.9)
-SERIES = {  # label → integrator, stiffness EA (N), whether accelerations are set
-    "OpenSees, truss 1e6 N, Newmark": (NEWMARK, 1e6, False),
-    "OpenSees, truss 1e6 N, Newmark, consistent start": (NEWMARK, 1e6, True),
-    "OpenSees, truss 1e9 N, HHT 0.9, consistent start": (HHT, 1e9, True),
-    "OpenSees, truss 1e12 N, HHT 0.9, consistent start": (HHT, 1e12, True),
-}
+#: The wheel's own libraries, which its loader does not look for, each after those that it needs.
+LIBRARIES = ("quadmath.so.0", "gfortran.so.4", "gomp.so.1", "blas.so.3", "lapack.so.3")
 
 
-def march(t_end, h, integrator, stiffness, consistent):
+def loaded():
+    """The module of OpenSees."""
+    if wheel := util.find_spec("openseespylinux"):
+        for name in LIBRARIES:
+            ctypes.CDLL(str(Path(wheel.origin).parent / f"lib/lib{name}"), ctypes.RTLD_GLOBAL)
+    import openseespy.opensees as ops
+
+    return ops
+
+
+def solve(problem, h, t_end, u0, v0, stiffness, damped=False, consistent=True):
+    """The row at `t_end`: HHT 0.9 if damped, else Newmark; stiffness is EA of the truss (N)."""
+    ops = loaded()
+    ops.wipe()
     ops.model("basic", "-ndm", 2, "-ndf", 2)
     ops.node(1, 0.0, 0.0)
     ops.fix(1, 1, 1)
@@ -40,21 +49,10 @@ def march(t_end, h, integrator, stiffness, consistent):
     ops.numberer("Plain")
     ops.test("NormDispIncr", 1e-12, 25, 0)
     ops.algorithm("Newton")
-    ops.integrator(*integrator)
+    ops.integrator(*(("HHT", 0.9) if damped else ("Newmark", 0.5, 0.25)))
     ops.analysis("Transient")
-    steps = round(t_end / h)
-    if failed := ops.analyze(steps, h):
-        return Result(message=f"analyze returned {failed} at t = {ops.getTime():.3g}")
+    if failed := ops.analyze(round(t_end / h), h):
+        raise RuntimeError(f"analyze returned {failed} at t = {ops.getTime():.3g}")
     u, v = [1 + ops.nodeDisp(2, 1), ops.nodeDisp(2, 2)], ops.nodeVel(2)
     # λ of ½ (|Δ|² − L²) is a force per length, negative in tension.
-    return Result(u, v, [-ops.basicForce(1)[0]], calls=steps)
-
-
-def runs(name, problem, t_end):
-    for label, how in SERIES.items() if name == "thrown-pendulum" else ():
-        for h in STEPS[name][:5]:
-            yield Run(label, "h", h, partial(march, t_end, h, *how))
-
-
-if __name__ == "__main__":
-    main(runs)
+    return last_row(problem, t_end, u, v, [-ops.basicForce(1)[0]])

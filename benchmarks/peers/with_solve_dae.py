@@ -1,46 +1,40 @@
-"""solve_dae: Radau IIA and BDF with the equations in several forms.
+"""solve_dae and scipy_dae: Radau IIA and BDF with the equations in several forms.
 
 rtol and atol are the tolerance.  Jacobians are given, as the documentation strongly recommends.
 It says that systems of an index above 1 are not implemented; the cure is GGL with ∫λ and ∫η for
 unknowns, which has index 1.
 """
 
-from functools import partial
+import importlib
+import warnings
 
-from common import TOLERANCES, Result, Run, main
-from equations import Equations
-from solve_dae.integrate import solve_dae
+from rows import last_row
 
-FORMS = {  # method → label → equations
-    "Radau": {
-        "index 3": "index 3",
-        "index 2": "index 2",
-        "GGL": "GGL",
-        "GGL, ∫λ and ∫η": "GGL with integrals",
-    },
-    "BDF": {"index 3": "index 3", "GGL, ∫λ and ∫η": "GGL with integrals"},
-}
+import newmark_cli as newmark
 
 
-def solve(problem, t_end, method, kind, tolerance):
-    equations = Equations(problem, kind)
-    found = solve_dae(
-        equations, (0.0, t_end), equations.y0, equations.yp0, method=method,
-        jac=equations.jacobian, rtol=tolerance, atol=tolerance,
-    )  # fmt: skip
+def solve(
+    problem, h, t_end, u0, v0, package, method, formulation, tolerance, integrals=False
+):  # fmt: skip
+    """The row at `t_end`.
+
+    Args:
+        h, u0, v0: Not used: the codes choose their steps, and start where the problem does.
+        package: solve_dae or scipy_dae, which have one interface.
+        method: Radau or BDF.
+        formulation: One of those of `newmark.dae`.
+        tolerance: rtol and atol.
+        integrals: Whether ∫λ and ∫η are the unknowns.
+    """
+    integrate = importlib.import_module(f"{package}.integrate")
+    dae = newmark.dae(problem, formulation, integrals=integrals)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of singular matrices, just before the end of a run
+        found = integrate.solve_dae(
+            dae.residual, (dae.t0, t_end), dae.y0, dae.yp0, method=method, jac=dae.jacobian,
+            rtol=tolerance, atol=tolerance,
+        )  # fmt: skip
     if not found.success:
-        where = f"{found.message} t = {found.t[-1]:.3g}"
-        return Result(calls=equations.calls, message=where)
-    return Result(*equations.state(found.y[:, -1], found.yp[:, -1]), calls=equations.calls)
-
-
-def runs(name, problem, t_end):
-    for method, forms in FORMS.items():
-        for label, kind in forms.items():
-            for tolerance in TOLERANCES:
-                work = partial(solve, problem, t_end, method, kind, tolerance)
-                yield Run(f"solve_dae, {method}, {label}", "tolerance", tolerance, work)
-
-
-if __name__ == "__main__":
-    main(runs)
+        raise RuntimeError(found.message)
+    state = dae.state(found.y[:, -1], found.yp[:, -1])
+    return last_row(problem, t_end, *state, calls=found.nfev)
