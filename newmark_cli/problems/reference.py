@@ -152,7 +152,7 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
                 _integrated(system, end, tolerance, on_work, _Watch(problem) if small else None)
                 for system, tolerance in zip(systems, (_TOLERANCE, _COARSE, _COARSE), strict=False)
             ]
-        (u, v, steps), *others = states
+        (u, v, steps), others = states[0], [state[:2] for state in states[1:]]
         of_state = [
             system.accelerations(end, *state[:2])[1]
             for system, state in zip(systems, states, strict=False)
