@@ -52,11 +52,16 @@ def codes(cli):
     return cli.folder
 
 
-def test_page_has_the_tables_that_the_command_prints(cli):
-    """To the letter, from the committed results."""
+def test_page_has_tables_that_the_command_prints(cli):
+    """To the letter, from the committed results; the page leaves some out."""
     page = (TOP / "docs" / "comparison.md").read_text(encoding="utf-8")
-    shown = page.partition("<!-- peers: begin -->\n")[2].partition("\n<!-- peers: end -->")[0]
-    assert shown == cli("tables", *STUDIES, "--results", PEERS / "results").stdout.strip()
+    shown = page.partition("<!-- peers: begin -->\n")[2].partition("<!-- peers: end -->")[0]
+    printed = cli("tables", *STUDIES, "--results", PEERS / "results").stdout
+    tables, all_of_them = (
+        [table.strip() for table in text.split("### ")[1:]] for text in (shown, printed)
+    )
+    assert len(tables) == 5
+    assert set(tables) <= set(all_of_them)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

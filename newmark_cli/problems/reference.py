@@ -22,7 +22,7 @@ from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
 
 #: Changes whenever `solution` may give other numbers: stored ones are then stale.
-VERSION = 4
+VERSION = 5
 
 #: Local tolerances of the solution and of the one it is compared with, relative to
 #: the largest coordinate and velocity.  The first is close to the least that
@@ -46,6 +46,8 @@ _EPS = float(np.finfo(float).eps)
 _ROUNDING = 4 * _EPS
 #: Part of its size by which a motion moves over a difference quotient of λ in time.
 _NEXT = 1e-4
+#: Part of themselves by which coordinates move to see what their rounding does.
+_NUDGE = 1e-6
 #: How much farther from the truth a solution may be than from another one, or the mean of
 #: differences than from those with other steps: what is rounding in both may nearly agree.
 _CHANCE = 3.0
@@ -125,7 +127,9 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
 
     The estimated errors are three times the distances from a second solution whose
     tolerance is ten times as large, so that truncation is overestimated about thirtyfold;
-    rounding is as large in both, and so is what a motion makes of it.  Where Φ_t or Φ'' come
+    rounding is as large in both, and so is what a motion makes of it.  Two solutions may agree by
+    chance, so what a rounding of u in every step makes of v and λ is added; it is much where a
+    stiff spring lies far from the origin.  Where Φ_t or Φ'' come
     from differences there are two such solutions, with other steps of differences, as errors
     of these are nearly as large in all solutions; and what differences with still other
     steps change in v and λ at the end, |M⁻¹G S⁻¹| δΦ' and |S⁻¹| δΦ'' with S = GᵀM⁻¹G, is
@@ -147,13 +151,14 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
                 _integrated(system, end, tolerance, on_work, _Watch(problem) if small else None)
                 for system, tolerance in zip(systems, (_TOLERANCE, _COARSE, _COARSE), strict=False)
             ]
-        (u, v), *others = states
+        (u, v, steps), others = states[0], [state[:2] for state in states[1:]]
         of_state = [
-            system.accelerations(end, *state)[1]
+            system.accelerations(end, *state[:2])[1]
             for system, state in zip(systems, states, strict=False)
         ]
         changed = _changed_by_differences(variants, end, u, v)
         moved = _moved_by_rounding(systems[0], end, u, v)
+        swung = _swung_by_rounding(systems[0], end, u, v, steps)
         scales = multipliers.weights(problem, end, u).scales(of_state[0])
     except InputError:
         raise
@@ -176,10 +181,12 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     def of_multipliers(other: Array) -> float:
         return multipliers.relative_error(other, of_state[0], scales)
 
-    multipliers_error = max(map(of_multipliers, of_state[1:])) + of_multipliers(
-        of_state[0] + changed[1]
+    multipliers_error = (
+        max(map(of_multipliers, of_state[1:]))
+        + of_multipliers(of_state[0] + changed[1])
+        + of_multipliers(of_state[0] + swung[1])
     )
-    v_error += relative_error(v + changed[0], v)
+    v_error += relative_error(v + changed[0], v) + relative_error(v + swung[0], v)
     return Reference(
         t=t,
         u=u,
@@ -224,7 +231,7 @@ def _along(problem: Problem, times: Array) -> States:
     for time in problem.t0 + times:
         system = Index1(replace(problem, t0=t, u0=u, v0=v))
         with np.errstate(all="ignore"):
-            u, v = _integrated(system, time, _TOLERANCE, lambda: None, None)
+            u, v, _ = _integrated(system, time, _TOLERANCE, lambda: None, None)
             states.append((u, v, system.accelerations(time, u, v)[1]))
         t = time
     u_all, v_all, multipliers_all = (np.array(of) for of in zip(*states, strict=True))
@@ -266,14 +273,31 @@ def _moved_by_rounding(system: Index1, t: float, u: Array, v: Array) -> tuple[Ar
     return unit * v, unit * a, unit * (then - here) / step
 
 
-#: Coordinates and velocities, (n,) each.
-_State = tuple[Array, Array]
+def _swung_by_rounding(
+    system: Index1, t: float, u: Array, v: Array, steps: int
+) -> tuple[float, Array]:
+    """By how much v and λ (m,) change, as a rule, while every step rounds u.
+
+    A misfit δ of u that changes a by α² δ swings with the rate α, and changes v by α δ.
+    Roundings of many steps add up like their root.
+    """
+    a, here = system.accelerations(t, u, v)
+    accelerated, pushed = 0.0, np.zeros(len(here))
+    # Any two coordinates move apart in one of these patterns.
+    for bit in range(len(u).bit_length()):
+        signs = 1 - 2 * (np.arange(len(u)) >> bit & 1)
+        there, then = system.accelerations(t, *system.projected(t, u + _NUDGE * signs * u, v))
+        if np.all(np.isfinite(there)):
+            accelerated = max(accelerated, float(np.abs(there - a).max()) / _NUDGE)
+            pushed = np.maximum(pushed, np.abs(then - here) / _NUDGE)
+    unit = 0.5 * _EPS * float(np.sqrt(steps))
+    return unit * float(np.sqrt(accelerated * np.abs(u).max())), unit * pushed
 
 
 def _integrated(
     system: Index1, end: float, tolerance: float, on_work: Callable[[], None], watch: _Watch | None
-) -> _State:
-    """Coordinates and velocities at a time, with an eye on singular positions."""
+) -> tuple[Array, Array, int]:
+    """(n,) coordinates and velocities at a time, and steps; with an eye on singular positions."""
     problem, n = system.problem, system.problem.n
 
     def rates(t: float, state: Array) -> Array:
@@ -282,10 +306,10 @@ def _integrated(
 
     t, u, v = problem.t0, problem.u0, problem.v0
     if t >= end:
-        return u, v
+        return u, v, 0
     sizes = _initial_sizes(system, end - t)
     step: float | None = None
-    for _ in range(0, _MOST_STEPS, _STRETCH):
+    for steps in range(0, _MOST_STEPS, _STRETCH):
         on_work()
         sizes = np.maximum(sizes, [np.abs(u).max(), np.abs(v).max()])
         solver = DormandPrince(
@@ -318,7 +342,7 @@ def _integrated(
             watch.judge()
         u, v = system.projected(t, solver.y[:n], solver.y[n:])
         if t >= end:
-            return u, v
+            return u, v, steps + _STRETCH
     raise NoReference(
         f"{problem.name}: no reference beyond t = {t - problem.t0:g}, "
         f"which {_MOST_STEPS} steps reached"

@@ -9,6 +9,7 @@ from damaging import damaged
 from mechanisms import built
 from mpmath import ellipfun, lu_solve, matrix, mp, mpf
 
+from newmark_cli.codes.given_references import of_testset
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.known import KNOWN
 from newmark_cli.mechanisms.registry import problem
@@ -167,6 +168,18 @@ def test_a_fast_motor_has_its_rounding_stated():
     true, estimated = true_errors(found, exact)
     assert np.all(true <= estimated)
     assert np.all(estimated <= 5e-14)
+
+
+@pytest.mark.parametrize("t", [0.01, 0.02])
+def test_a_stiff_spring_far_away_has_its_rounding_stated(t):
+    """1e7 N/m at 10 m: roundings of u swing, and two solutions may agree on v by chance."""
+    subject = problem("bathe-noh")
+    exact = of_testset(subject, t)
+    found = solution(subject, t)
+    true, estimated = true_errors(found, [exact.u, exact.v, exact.multipliers])
+    assert np.all(true <= estimated)
+    assert true[1] > 1e-11
+    assert np.all(estimated <= [1e-14, 5e-10, 2e-9])
 
 
 def test_index_1_system_by_both_factorisations(monkeypatch):
