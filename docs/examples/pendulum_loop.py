@@ -9,6 +9,7 @@ import numpy as np
 
 
 def rows_of(h, t_end=1.0, rho=0.9):
+    """First and last states of a run: t, u, v, λ and the iterations of the step."""
     am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
     gamma = 0.5 - am + af
     beta = 0.25 * (0.5 + gamma) ** 2
@@ -24,7 +25,7 @@ def rows_of(h, t_end=1.0, rho=0.9):
         vp = v + h * ((1 - gamma) * a + gamma * part)
         bh, gh = (factor * (1 - af) / (1 - am) for factor in (beta * h * h, gamma * h))
         x = np.zeros(2)  # unknowns: the acceleration, and lam
-        for iterations in range(1, 30):
+        for iterations in range(1, 30):  # noqa: B007 (yielded below)
             u = up + bh * x
             scaled = np.array([1, 1, 1 / bh])  # the row of the constraint, over its factor
             residual = np.array([*(x - f - u * lam), 0.5 * (u @ u - 1)])

@@ -22,7 +22,11 @@ import reference
 
 ROOT = Path(__file__).parents[2]
 #: Files of the repository that are pages of the site.
-PROJECT = {"index.md": "README.md", "contributing.md": "CONTRIBUTING.md", "changes.md": "CHANGELOG.md"}
+PROJECT = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "changes.md": "CHANGELOG.md",
+}
 _FIGURE = re.compile(r"\]\((?:\.\./)*results/figures/([\w.-]+)\)")
 _FORMULA = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PLAIN = re.compile("\x1b\\[[0-9;]*m")
@@ -61,7 +65,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def _between_pages(markdown: str, root: str, up: str = "") -> str:
     """Links to files of the repository, whose path begins with `root`, as links to pages."""
     for path, name in PROJECT.items():
-        markdown = re.sub(rf"\]\({re.escape(root + name)}(#[^)]*)?\)", rf"]({up}{path}\1)", markdown)
+        markdown = re.sub(
+            rf"\]\({re.escape(root + name)}(#[^)]*)?\)", rf"]({up}{path}\1)", markdown
+        )
     return markdown
 
 

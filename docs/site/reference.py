@@ -18,6 +18,7 @@ import click
 
 import newmark_cli
 from newmark_cli.cli.commands import cli
+from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.reading.figures import Figure
 from newmark_cli.report.tables import check, predicted_tables
@@ -223,12 +224,17 @@ def mechanism_page() -> str:
 
 def spatial_page() -> str:
     """Keys of spatial mechanism files."""
-    return _mechanism(
+    joints = table(
+        ("joint", "rows", "what it does"),
+        ((f"`{name}`", ", ".join(joint.rows), joint.about) for name, joint in JOINTS.items()),
+    )
+    keys = _mechanism(
         "spatial",
         "Keys of a spatial mechanism",
         "SI units. [Mechanisms in space](../spatial.md) has an example, and "
         "`newmark-study list --schema spatial` prints the keys as JSON Schema.",
     )
+    return f"{keys}\n## Types of joints\n\n{joints}\n"
 
 
 # -- measures and columns -------------------------------------------------------------------------
