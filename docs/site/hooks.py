@@ -1,7 +1,7 @@
 """Hooks of mkdocs: pages from declarations, notebooks with outputs, and figures of the results.
 
 Links that are right in the repository are made right in the site: figures of ``results/`` are
-copied next to the pages, and CONTRIBUTING.md and CHANGELOG.md become pages.
+copied next to the pages, and README.md, CONTRIBUTING.md and CHANGELOG.md become pages.
 """
 
 import base64
@@ -22,22 +22,23 @@ import reference
 
 ROOT = Path(__file__).parents[2]
 #: Files of the repository that are pages of the site.
-PROJECT = {"contributing.md": "CONTRIBUTING.md", "changes.md": "CHANGELOG.md"}
-_FIGURE = re.compile(r"\]\((?:\.\./)+results/figures/([\w.-]+)\)")
+PROJECT = {
+    "index.md": "README.md",
+    "contributing.md": "CONTRIBUTING.md",
+    "changes.md": "CHANGELOG.md",
+}
+_FIGURE = re.compile(r"\]\((?:\.\./)*results/figures/([\w.-]+)\)")
 _FORMULA = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _PLAIN = re.compile("\x1b\\[[0-9;]*m")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is generated."""
-    for path, written in reference.PAGES.items():
-        files.append(File.generated(config, path, content=written()))
     for path, name in PROJECT.items():
-        text = (ROOT / name).read_text(encoding="utf-8")
-        text = text.replace("](docs/", "](")
-        files.append(File.generated(config, path, content=text))
+        text = (ROOT / name).read_text(encoding="utf-8").replace("](docs/", "](")
+        files.append(File.generated(config, path, content=_between_pages(text, "")))
     shown = set()
-    for page in Path(config.docs_dir).rglob("*.md"):
+    for page in (*Path(config.docs_dir).rglob("*.md"), ROOT / "README.md"):
         shown |= set(_FIGURE.findall(page.read_text(encoding="utf-8")))
     for name in sorted(shown):
         source = ROOT / "results/figures" / name
@@ -51,13 +52,23 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Links to figures of the results and to pages of the repository, from a page anywhere."""
     up = "../" * page.file.src_uri.count("/")
-    for path, name in PROJECT.items():
-        markdown = markdown.replace(f"](../{up}{name})", f"]({up}{path})")
-    if page.file.src_uri == "claims.md":
+    markdown = _between_pages(markdown, f"../{up}", up)
+    if page.file.src_uri == "verification.md":
         for place, table in reference.claim_tables().items():
             markdown = markdown.replace(place, table)
+    if page.file.src_uri == "reference/api.md":
+        markdown += reference.docstrings()
     markdown = _FORMULA.sub(_mathml, markdown)
     return _FIGURE.sub(rf"]({up}figures/\1)", markdown)
+
+
+def _between_pages(markdown: str, root: str, up: str = "") -> str:
+    """Links to files of the repository, whose path begins with `root`, as links to pages."""
+    for path, name in PROJECT.items():
+        markdown = re.sub(
+            rf"\]\({re.escape(root + name)}(#[^)]*)?\)", rf"]({up}{path}\1)", markdown
+        )
+    return markdown
 
 
 def _mathml(formula: re.Match[str]) -> str:

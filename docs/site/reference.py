@@ -1,9 +1,11 @@
 """The pages of the reference, written from the declarations of the package.
 
-Keys of configs and mechanism files come from the models (their JSON Schemas), measures and
-columns from the records in ``study``, commands from click, and names from what
-`newmark-study list` prints.  `PAGES` has every page; the hook of the site adds them when it is
-built, and the tests hold them to the code.
+    python docs/site/reference.py
+
+writes them to ``docs/reference``.  Keys of configs and mechanism files come from the models
+(their JSON Schemas), measures and columns from the records in ``study``, commands from click,
+names from what `newmark-study list` prints, and orders from the theory.  `PAGES` has every page;
+the tests hold the files to it.
 """
 
 import inspect
@@ -16,9 +18,10 @@ import click
 
 import newmark_cli
 from newmark_cli.cli.commands import cli
+from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.reading.figures import Figure
-from newmark_cli.report.tables import check
+from newmark_cli.report.tables import check, predicted_tables
 from newmark_cli.report.tables.table import markdown_table
 from newmark_cli.study import catalogue, csv_files, schema
 from newmark_cli.study.measures import MEASURES, Record
@@ -221,12 +224,17 @@ def mechanism_page() -> str:
 
 def spatial_page() -> str:
     """Keys of spatial mechanism files."""
-    return _mechanism(
+    joints = table(
+        ("joint", "rows", "what it does"),
+        ((f"`{name}`", ", ".join(joint.rows), joint.about) for name, joint in JOINTS.items()),
+    )
+    keys = _mechanism(
         "spatial",
         "Keys of a spatial mechanism",
         "SI units. [Mechanisms in space](../spatial.md) has an example, and "
         "`newmark-study list --schema spatial` prints the keys as JSON Schema.",
     )
+    return f"{keys}\n## Types of joints\n\n{joints}\n"
 
 
 # -- measures and columns -------------------------------------------------------------------------
@@ -385,8 +393,8 @@ def commands_page() -> str:
     )
 
 
-def api_page() -> str:
-    """Public names of the library; their docstrings are set in when the site is built."""
+def _public() -> Iterator[tuple[str, list[str]]]:
+    """Names of the library by their kind."""
     kinds: dict[str, list[str]] = {"Functions": [], "Classes": [], "Errors": []}
     for name in newmark_cli.__all__:
         if name == "__version__":
@@ -396,18 +404,48 @@ def api_page() -> str:
             kinds["Errors"].append(name)
         else:
             kinds["Classes" if isinstance(found, type) else "Functions"].append(name)
+    yield from kinds.items()
+
+
+def api_page() -> str:
+    """Public names of the library, each with the first sentence of its docstring."""
     parts = [
         "# The API\n\n`import newmark_cli as newmark`. [The Python library](../python.md) shows "
-        "how the names work together; everything that is not here is private."
+        "how the names work together. Everything that is not here is private. "
+        "`help(newmark.march)` prints a docstring, and the website has all of them."
     ]
-    for kind, names in kinds.items():
-        parts.append(f"## {kind}")
-        parts += [f"::: newmark_cli.{name}\n    options:\n      heading_level: 3" for name in names]
+    for kind, names in _public():
+        abouts = ((f"`{name}`", _first_sentence(name)) for name in names)
+        parts.append(f"## {kind}\n\n{table(('name', 'what it is'), abouts)}")
     return "\n\n".join(parts) + "\n"
 
 
+def _first_sentence(name: str) -> str:
+    about = inspect.getdoc(getattr(newmark_cli, name)) or ""
+    return re.sub(r":\w+:`~?([^`]+)`", r"`\1`", about.partition("\n\n")[0])
+
+
+def docstrings() -> str:
+    """What mkdocstrings sets the docstrings of all public names in for."""
+    return "\n\n".join(
+        f"::: newmark_cli.{name}\n    options:\n      heading_level: 2"
+        for _, names in _public()
+        for name in names
+    )
+
+
+def orders_page() -> str:
+    """Predicted orders of all formulations and forms."""
+    report = predicted_tables.formulations().written("markdown").strip()
+    return (
+        "# Predicted orders\n\n`newmark-study tables --formulations` prints these tables. "
+        "[Theory](../theory.md) says how the orders are found.\n\n"
+        f"{report}\n"
+    )
+
+
 def claim_tables() -> dict[str, str]:
-    """Marks in claims.md and the tables that replace them, from the committed results."""
+    """Marks in verification.md and the tables that replace them, from the committed results."""
     folder = Path(__file__).parents[2] / "results"
     series = slopes.collect(folder)
     claims = expectations.claim_rows(expectations.judge(folder, series))
@@ -426,5 +464,19 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "reference/measures.md": measures_page,
     "reference/csv.md": csv_page,
     "reference/names.md": names_page,
+    "reference/orders.md": orders_page,
     "reference/api.md": api_page,
 }
+
+#: What heads a page, so that nobody edits it.
+_HEAD = "<!-- Written by `python docs/site/reference.py`. -->\n\n"
+
+
+def written() -> dict[str, str]:
+    """Every page, as its file has it."""
+    return {path: f"{_HEAD}{page()}" for path, page in PAGES.items()}
+
+
+if __name__ == "__main__":
+    for path, text in written().items():
+        Path(__file__).parents[1].joinpath(path).write_text(text, encoding="utf-8")

@@ -47,7 +47,7 @@ def floor(
     Returns:
         For each unknown the rms of the 2-norm of its last correction over a few states,
         scaled and physical, and the share of corrections that are exactly zero; NaN where a
-        step does not converge.  See docs/floors.md.
+        step does not converge.  See docs/theory.md.
 
     Raises:
         ArgumentError: For an argument of the wrong type, size or name, and for a scheme

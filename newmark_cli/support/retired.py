@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 _MISSED = "a march goes on after a step that misses its test; the column met counts the others"
-_DASK = "--executor dask spreads a study over machines, see docs/long-studies.md"
+_DASK = "--executor dask spreads a study over machines, see docs/studies.md"
 _DAE_CODES = (
     "docs/advice.md has lines to paste for codes that choose their steps, and "
     "docs/examples/tolerances.py their tolerances"
@@ -24,7 +24,7 @@ RETIRED: Mapping[str, tuple[str, str]] = MappingProxyType(
         "export": (
             "run",
             "newmark_cli.linear_systems gives the systems and scipy.io.mmwrite writes them, see "
-            "docs/linear-systems.md",
+            "docs/scalings-integrators.md",
         ),
         "pgf": ("pdf", "LaTeX includes pdf, which needs no LaTeX to be drawn"),
         "merge": ("run", _DASK),

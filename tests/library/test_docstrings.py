@@ -26,7 +26,7 @@ def test_examples_of_docstrings_are_true(monkeypatch, name):
         assert runner.run(test).failed == 0
 
 
-DOCS = Path(__file__).parents[2] / "docs/python.md"
+DOCS = Path(__file__).parents[2] / "docs/reference/api.md"
 
 
 def test_the_docs_name_all_that_is_public():

@@ -114,5 +114,5 @@ def test_the_command_that_wrote_them_says_what_to_do(cli):
     line = cli.refused("export", "andrews", "--h", "1e-6")
     assert line == (
         "newmark-study: No such command 'export'; it is gone: newmark_cli.linear_systems gives the "
-        "systems and scipy.io.mmwrite writes them, see docs/linear-systems.md"
+        "systems and scipy.io.mmwrite writes them, see docs/scalings-integrators.md"
     )

@@ -146,7 +146,7 @@ def test_orders_of_a_config_with_formulations(cli):
 
 
 def test_tables_of_formulations(cli):
-    """Markdown, which docs/theory.md has, CSV and LaTeX of every formulation and form."""
+    """Markdown, which docs/reference/orders.md has, CSV and LaTeX of every formulation and form."""
     done = cli("tables", "--formulations")
     assert "ggl                           (a, λ)        0    0    −1  −1  0" in done.stdout
     folder = cli.folder / "results/tables"
@@ -163,8 +163,7 @@ def test_tables_of_formulations(cli):
     assert r"    index-1 & $(u, v, a, \lambda )$ & $\ge$ 0 & $\ge$ 0 & 0 & 0 & -- " in text
     markdown = (folder / "formulations.md").read_text()
     assert "| ggl | (u, v, λ) | −2 | −2 | −2 | 0 | 0 |" in markdown
-    docs = (Path(__file__).parents[2] / "docs/theory.md").read_text()
-    assert "`newmark-study tables --formulations` makes the tables" in docs
+    docs = (Path(__file__).parents[2] / "docs/reference/orders.md").read_text()
     assert markdown.strip() in docs
 
 

@@ -22,8 +22,8 @@ SCHEMES = ("light", "dark")
 #: Words of the documentation, and a page that they must lead to.
 SOUGHT = {
     "compensated": "what-scaling-cures.html",
-    "saturation": "terms.html",
-    "sbatch": "long-studies.html",
+    "saturation": "verification.html",
+    "SLURM": "studies.html",
     "iteration_cap": "reference/config.html",
 }
 
