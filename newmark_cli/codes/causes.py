@@ -175,7 +175,11 @@ def _of_motion(
             of_lambda = [*_mechanism(evidence, label, file, False)]
         found += of_lambda
         explains = bool(of_lambda)
-    found += [*first_order(evidence, label), *levels.constraints(evidence, label), *alternates]
+    of_step, of_constraints = first_order(evidence, label), levels.constraints(evidence, label)
+    held = [*of_constraints]
+    # An iteration that ends early leaves forces of a state before, too.
+    pushed = [] if _named(held, "Newton ends early") else [*of_step]
+    found += [*pushed, *held, *alternates]
     if not explains and not any(one.fault for one in found):
         found += [*_lambda_stops(evidence, label)] or [*_low_order(evidence, label)]
     return found

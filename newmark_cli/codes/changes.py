@@ -8,7 +8,7 @@ import copy
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -181,6 +181,13 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
 
+    def driven(path: Path, start: Any, c: float, tolerance: float) -> Truth:
+        # What is driven otherwise starts otherwise: as its first row says, or projected.
+        moving = replace(file, document={**file.document, "project_velocities": True})
+        other = moving.changed([path], lambda value: _times(value, c))
+        u0, v0 = start or (None, None)
+        return Truth(other, evidence.end, u0=u0, v0=v0, tolerance=tolerance)
+
     def moved(
         paths: Sequence[Path], change: Callable[[Any, float], Any], c: float, tolerance: float
     ) -> Truth:
@@ -190,8 +197,6 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
             return Truth(right, end, force=_of_number(right, less, c), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
-        if paths[0][0] == "motions":
-            return Truth(other, end, tolerance=tolerance)
         start = other.values(right.t0, right.u0, right.v0, np.zeros(right.m))
         if np.abs(start.phi).max(initial=0.0) > _MISFIT:
             raise NoMotion("the start misses a constraint")
@@ -225,8 +230,9 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             name = f"every {key}"
             starts = (-1.0,) if key == "damping" else ()
             yield Candidate(name, partial(moved, paths, _times), _share(name), starts)
-    for path in file.motions():
-        yield Candidate(_name(path), partial(moved, [path], _times), _share(_name(path)), ())
+    begins = [None] if evidence.start is None else [evidence.start, None]
+    for path, start in itertools.product(file.motions(), begins):
+        yield Candidate(_name(path), partial(driven, path, start), _share(_name(path)))
     for path in file.places():
         said = partial("{} {:+.5g} m".format, _name(path))
         yield Candidate(_name(path), partial(moved, [path], _plus), said, (), place=True)
@@ -443,4 +449,5 @@ class Discrepancy:
 def explained_by(fits: Sequence[FittedChange]) -> list[FittedChange]:
     """Those that explain all, if any; one of several that are much better stands alone."""
     good = [fit for fit in fits if fit.worst < _EXPLAINS and fit.mean < _IN_THE_MEAN]
-    return [fit for fit in good if fit.worst < 4 * good[0].worst + 0.3]
+    near = [fit for fit in good if fit.worst < 4 * good[0].worst + 0.3]
+    return [*{fit.candidate.name: fit for fit in near[::-1]}.values()][::-1]

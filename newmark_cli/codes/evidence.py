@@ -334,6 +334,14 @@ class SeriesErrors:
         """Whether a run has the row of t = 0."""
         return any(abs(run.t[0] - self.t0) < 1e-11 for run in self.runs)
 
+    @cached_property
+    def start(self) -> tuple[Array, Array] | None:
+        """Start (n,) u and v in the row of t = 0, where it has all of them."""
+        run = self.runs[-1]
+        if abs(run.t[0] - self.t0) > 1e-11 or not (self.whole["u"] and self.whole["v"]):
+            return None
+        return run.state["u"][0], run.state["v"][0]
+
     def constraints(self, of: Mask) -> str:
         """Names of the constraints that a mask marks."""
         return ", ".join(

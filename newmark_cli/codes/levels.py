@@ -112,7 +112,20 @@ def constraints(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     matters = missed > 1e-2 * min(last_u[k], 1e-4) or bool(worse)
     rows = np.abs(misfits[k]).max(axis=1)
     steady = len(rows) > 3 and rows[:2].max() > 0.02 * rows[-3:].max()
-    if strict and steady and len(above) > 1:
+    if (
+        strict
+        and steady
+        and len(above) > 1
+        and not (evidence.whole["v"] and evidence.whole["lambda"])
+    ):
+        lacks = "λ" if evidence.whole["v"] else "v and λ"
+        yield Finding(
+            "seen", label,
+            f"{seen} already after the first steps: the test of convergence is met too soon, or "
+            f"Φ′ or Φ″ is held in its place; {lacks} would tell",
+            matters, numbers,
+        )  # fmt: skip
+    elif strict and steady and len(above) > 1:
         more = f", and {', '.join(worse)} at the end are worse than the method's" if worse else ""
         harmless = "" if matters else "; the results do not suffer"
         yield Finding(

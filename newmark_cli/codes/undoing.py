@@ -75,6 +75,8 @@ def undone(
             ])  # fmt: skip
             ours = np.concatenate([values[part] for values in there])
             for found in _changes(part, mine, ours, problem):
+                if not _fits_start(part, own, problem, found):
+                    continue
                 notes.setdefault(series, []).append(found.text)
                 done = [
                     replace(run, state={**run.state, part: found.change(run.state[part])})
@@ -83,6 +85,16 @@ def undone(
                 ]  # fmt: skip
                 break
     return done, notes
+
+
+def _fits_start(part: str, runs: Sequence["Run"], problem: Problem, found: Undone) -> bool:
+    """Whether rows at the start are no worse with a change undone: those of another motion are."""
+    if part not in ("u", "v"):
+        return True
+    start = problem.u0 if part == "u" else problem.v0
+    given = np.concatenate([run.state[part][run.t == problem.t0] for run in runs])
+    off = [np.nanmax(np.abs(rows - start), initial=0.0) for rows in (given, found.change(given))]
+    return bool(off[1] <= off[0] + 1e-9 * np.abs(start).max(initial=0.0))
 
 
 def _rows(run: "Run", t0: float) -> IndexArray:
