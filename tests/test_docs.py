@@ -321,7 +321,7 @@ def test_committed_results_are_complete(committed):
     assert not any(slope.fails for slope in others)
     others = [s for s in others if s.study not in config.APART]
     # The trapezoidal rule, which studies of errors are about, single step sizes, and floors.
-    assert {s.study for s in others} == {"error", "cures"}
+    assert {s.study for s in others} == {"error", "cures", "step-changes"}
     damped = {
         (s.problem, s.formulation.partition(" ")[0]) for s in others if s.integrator != TRAPEZOIDAL
     }

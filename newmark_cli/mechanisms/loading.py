@@ -54,18 +54,18 @@ def built(
     name: str,
     document: Document,
     folder: Path | None = None,
-    beside: Mapping[str, bytes] = MappingProxyType({}),
+    tables: Mapping[str, bytes] = MappingProxyType({}),
 ) -> Problem:
     """Problem from a mechanism file that was read; its code runs if its folder is given.
 
-    Tables in files have their content from ``beside``, by name.
+    Tables in files have their content from ``tables``, by name.
 
     Raises:
         DocumentError: For every mistake that can be found, each with file, line and
             key: of the file itself, or of a mechanism without a consistent start.
     """
     require_mechanism(document)
-    document = tables_beside.filled(document, beside)
+    document = tables_beside.filled(document, tables)
     kind = _builder(document.data)
     try:
         mechanism = documents.validate(document, kind.model)

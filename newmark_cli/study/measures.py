@@ -461,6 +461,14 @@ for _measure in _MEASURES:
 FORMER = (
     _over_time("history", ("lambda", *OF_OUTPUTS, ENERGY)),
     _over_time("drift", DRIFTS),
+    Record(
+        "transient",
+        lambda key: f"error of {symbol(key.quantity)} after a change",
+        lambda key: f"error after a change of $h$, ${_ratio(key.quantity)}$",
+        "max",
+        kind="truncation",
+        quantities=("u", "v", "lambda"),
+    ),
 )
 #: Records by name, as the CSV's column ``measure`` has them.
 RECORDS: Mapping[str, Record] = MappingProxyType(
