@@ -251,6 +251,8 @@ def test_pages_of_the_reference_are_those_of_the_code(reference):
     assert found == reference.keys()
     for path, text in reference.items():
         assert (DOCS / path).read_text(encoding="utf-8") == text, path
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+            assert (DOCS / path).parent.joinpath(target).is_file(), (path, target)
 
 
 def rows_of(page):
