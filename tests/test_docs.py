@@ -251,6 +251,8 @@ def test_pages_of_the_reference_are_those_of_the_code(reference):
     assert found == reference.keys()
     for path, text in reference.items():
         assert (DOCS / path).read_text(encoding="utf-8") == text, path
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+            assert (DOCS / path).parent.joinpath(target).is_file(), (path, target)
 
 
 def rows_of(page):
@@ -304,7 +306,7 @@ def committed(committed_folder, committed_results):
 def test_tables_of_cures_are_those_of_the_results(committed):
     """Orders in docs/what-scaling-cures.md are the fitted ones, by the names of Figure 16."""
     page = PAGES["what-scaling-cures.md"].read_text(encoding="utf-8")
-    column = r"^\| {} \| [^|]*\| [^|]*fitted ([−0-9.]+) \| [^|]* \| [^|]* \| [^|]* \|$"
+    column = r"^\| {} \| [^|]*\| [^|]*fitted ([−0-9.]+) \| [^|]* \| [^|]* \|$"
     fitted = {slope.key: slope.fit.slope for slope in committed}
     for curve in FIGURES["16"].curves:
         if curve.problem == "andrews":

@@ -26,6 +26,7 @@ PROJECT = {
     "index.md": "README.md",
     "contributing.md": "CONTRIBUTING.md",
     "changes.md": "CHANGELOG.md",
+    "security.md": "SECURITY.md",
 }
 _FIGURE = re.compile(r"\]\((?:\.\./)*results/figures/([\w.-]+)\)")
 _FORMULA = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)

@@ -217,7 +217,7 @@ def mechanism_page() -> str:
     return _mechanism(
         "mechanism",
         "Keys of a planar mechanism",
-        "SI units. [Your own mechanism](../planar.md) has an example, and "
+        "SI units. [Mechanisms in the plane](../planar.md) has an example, and "
         "`newmark-study list --schema mechanism` prints the keys as JSON Schema.",
     )
 
