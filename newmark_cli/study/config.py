@@ -37,7 +37,7 @@ from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.axis import ALIASES, Axis, label
 from newmark_cli.study.entries import Expectations, Figures, Tables
-from newmark_cli.study.kinds import MOST_STEPS, NAMES, Name
+from newmark_cli.study.kinds import MOST_STEPS, NAMES, Name, dividing, fitting_end
 from newmark_cli.study.measures import MEASURES, Measure
 from newmark_cli.study.replay import OF_STATES
 from newmark_cli.study.subjects import Surroundings
@@ -131,8 +131,8 @@ class _Rules(RuledModel):
                 yield misfit(
                     "h",
                     f"errors need a whole number of steps to t_end = {self.t_end:g}, given "
-                    f"{h:g}; the nearest is {_dividing(self.t_end, max(round(steps), 1))}"
-                    f"{_fitting(self.t_end, h, self.h)}",
+                    f"{h:g}; the nearest is {dividing(self.t_end, max(round(steps), 1))}"
+                    f"{fitting_end(self.t_end, h, self.h)}",
                 )
 
     def _misfits_of_the_window(self) -> Iterator[PydanticCustomError]:
@@ -292,23 +292,6 @@ class _Rules(RuledModel):
                 twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
                 **{name: getattr(self, name) for name in _AS_GIVEN},
             )
-
-
-def _dividing(t_end: float, steps: int) -> str:
-    """A step size that comes to the end in so many steps, in as few digits as that takes."""
-    texts = (f"{t_end / steps:.{digits}g}" for digits in range(2, 18))
-    return next(text for text in texts if abs(t_end / float(text) - steps) < 1e-7)
-
-
-def _fitting(t_end: float, h: float, sizes: Sequence[float]) -> str:
-    """The nearest end to which all step sizes go a whole number of times, in words."""
-    near = max(round(t_end / h), 1)
-    counts = range(max(near - 1000, 1), near + 1000)
-    for count in sorted(counts, key=lambda count: abs(count * h - t_end)):
-        shares = [count * h / size for size in sizes]
-        if all(abs(share - round(share)) <= 1e-6 for share in shares):
-            return f", or t_end = {count * h:.12g} fits"
-    return ""
 
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:

@@ -1,7 +1,7 @@
 """Kinds of values of a study config: numbers, names, lines, and one or several of them."""
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeVar
 
@@ -139,3 +139,20 @@ Word = Annotated[
     Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"),
     also(type=["string", "integer"]),
 ]
+
+
+def dividing(t_end: float, steps: int) -> str:
+    """A step size that comes to the end in so many steps, in as few digits as that takes."""
+    texts = (f"{t_end / steps:.{digits}g}" for digits in range(2, 18))
+    return next(text for text in texts if abs(t_end / float(text) - steps) < 1e-7)
+
+
+def fitting_end(t_end: float, h: float, sizes: Sequence[float]) -> str:
+    """The nearest end to which all step sizes go a whole number of times, in words."""
+    near = max(round(t_end / h), 1)
+    counts = range(max(near - 1000, 1), near + 1000)
+    for count in sorted(counts, key=lambda count: abs(count * h - t_end)):
+        shares = [count * h / size for size in sizes]
+        if all(abs(share - round(share)) <= 1e-6 for share in shares):
+            return f", or t_end = {count * h:.12g} fits"
+    return ""
