@@ -20,6 +20,7 @@ from newmark_cli.newmark.integrator import (
     parse,
     plain_label,
 )
+from newmark_cli.study.axes import means
 
 MINE = """
 import numpy as np
@@ -129,6 +130,9 @@ def test_what_is_known_of_an_integrator_follows_from_its_relations(integrator):
 def test_a_member_is_known_by_any_way_to_write_its_numbers(text):
     assert plain_label(text) == "alpha beta=0.3025 gamma=0.6 alpha_m=-0.1 alpha_f=0.0"
     assert parse(text) == Alpha(0.3025, 0.6, -0.1, 0.0)
+    label = "alpha beta=0.3025 gamma=0.6 alpha_m=-0.1 alpha_f=0.0"
+    assert means("integrator", text, label)
+    assert not means("integrator", text, label.replace("0.6", "0.61"))
 
 
 def test_advice_takes_a_class(cli, own):
