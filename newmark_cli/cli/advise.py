@@ -143,6 +143,10 @@ def advise(
     if [subject is None, matrices is None, not jacobians].count(False) != 1:
         raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
     options = {name: value for name, value in options.items() if value is not None}
+    if allow_code and "integrator" in options:
+        from newmark_cli.study import naming
+
+        options["integrator"] = naming.integrator_named(options["integrator"])
     advice: list[Advice] | list[JacobianAdvice]
     if jacobians:
         advice = [_of_jacobians(jacobians, blocks, steps, options)]

@@ -409,7 +409,7 @@ class Alpha(_Alpha):
             grows = fading(self) if self.alpha_f < 1 else np.inf
             raise IntegratorError(
                 f"{name} = {getattr(self, name):g}: multipliers would grow by a factor of "
-                f"{grows:.3g} in every step; it takes α_f ≤ 1/2 and β ≥ γ/2"
+                f"{grows:.5g} in every step; it takes α_f ≤ 1/2 and β ≥ γ/2"
             )
 
     @property
@@ -559,7 +559,17 @@ def plain_label(text: str) -> str:
     plain = " ".join([method.casefold(), *rest])
     for theirs, ours in _IN_LABELS.items():
         plain = plain.replace(theirs, ours)
-    return plain if plain.split(" ")[0] in INTEGRATORS else text
+    method, *arguments = plain.split(" ")
+    return " ".join([method, *map(_as_labelled, arguments)]) if method in INTEGRATORS else text
+
+
+def _as_labelled(argument: str) -> str:
+    """A parameter with its value as labels write it: ``alpha_f=0`` is ``alpha_f=0.0``."""
+    name, _, value = argument.partition("=")
+    try:
+        return f"{name}={float(value)!r}"
+    except ValueError:
+        return argument
 
 
 def parse(label: str) -> Integrator:

@@ -76,7 +76,7 @@ class Axis:
     def means(self, word: str, value: str) -> bool:
         """Whether a word is a value that a CSV has, as CSVs or people write it."""
         words = (value, self.text(value), *self.also(value)) if value else ()
-        return word in words or (value != "" and self.same(word) == value)
+        return word in words or (value != "" and value in (self.same(word), self.plain(word)))
 
 
 def axis(

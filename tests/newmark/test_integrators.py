@@ -71,7 +71,7 @@ def test_labels_read_back(integrator):
         ("generalized-alpha rho=nan", "rho = nan: must be within [0, 1]"),
         ("alpha beta=0.2 gamma=0.6 alpha_m=0 alpha_f=0.1", "beta = 0.2: multipliers would grow"),
         ("alpha beta=0.3 gamma=0.6 alpha_m=0.6 alpha_f=0.1", "alpha_m = 0.6: must be at most 0.5"),
-        ("alpha beta=1 gamma=0.6 alpha_m=0 alpha_f=0.7", "by a factor of 2.33 in every step"),
+        ("alpha beta=1 gamma=0.6 alpha_m=0 alpha_f=0.7", "by a factor of 2.3333 in every step"),
         ("alpha beta=0 gamma=0.5 alpha_m=0 alpha_f=0", "beta = 0: must be positive"),
         ("alpha beta=inf gamma=0.5 alpha_m=0 alpha_f=0", "beta = inf: must be finite"),
         ("hht alpha=0.34", "alpha = 0.34: must be within [0, 0.333333]"),
