@@ -2,12 +2,16 @@
 
 python docs/site/testset.py
 
-A new member is a mechanism file, a table of reference values and an entry in `testset.yaml`
-of the package; this script then writes its block and its picture.
+A new member is a mechanism file, a table of reference values, an entry in `testset.yaml` of the
+package, and a study in `benchmarks/testset` that was run; this script then writes its block, its
+picture and the figure of its errors.
 """
 
 import io
+import subprocess
+import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from PIL import Image
@@ -18,10 +22,14 @@ from newmark_cli.report.drawing import draw, draw_mechanism
 
 DOCS = Path(__file__).parents[1]
 PAGE, FIGURES = DOCS / "testset.md", DOCS / "figures"
+#: Of the studies `benchmarks/testset/NAME.yaml`.
+RESULTS = DOCS.parent / "benchmarks" / "testset" / "results"
 #: What stands before the blocks of the members.
 _BEGIN = "<!-- members: written by docs/site/testset.py -->\n"
 #: Of pictures: inches, dots per inch, colours.
 _SIZE, _DPI, _COLOURS = (4.5, 3.0), 110, 32
+#: Pixels of a figure of errors, from edge to edge.
+_WIDTH = 1000
 
 
 def page(text: str) -> str:
@@ -64,6 +72,24 @@ def _lines(member: testset.Member) -> Iterator[str]:
     yield "\n| λ, or output | |\n| --- | --- |"
     for key in rest:
         yield f"| `{key.partition('[')[2][:-1]}` | {values[key]} |"
+    yield f"\n![{member.title}, errors over h](figures/testset-{member.name}-errors.png)"
+    for table in _tables():
+        if table.startswith(f"{member.name}, "):
+            yield "\n" + table
+
+
+@cache
+def _tables() -> list[str]:
+    """Tables of all studies of members, with their titles for first lines."""
+    studies = [f"testset-{name}" for name in registry.TESTSET]
+    parts = _told("tables", *studies).split("### ")[1:]
+    return [part.partition("\n\n- Entries")[0].strip() for part in parts]
+
+
+def _told(*words: str) -> str:
+    """What a command says about the results."""
+    command = [sys.executable, "-m", "newmark_cli", *words, "--results", str(RESULTS)]
+    return subprocess.run(command, check=True, capture_output=True, encoding="utf-8").stdout
 
 
 _SIGNS = {"u": "u", "v": "v", "lambda": "λ"}
@@ -73,9 +99,21 @@ def picture(name: str) -> bytes:
     """A small PNG of the mechanism at its start."""
     subject = registry.problem(name)
     sheet = draw_mechanism.mechanism_sheet(testset.member(name).title, subject, subject.u0)
-    large, small = io.BytesIO(), io.BytesIO()
+    large = io.BytesIO()
     draw.drawn(sheet, _SIZE).savefig(large, format="png", dpi=_DPI)
-    Image.open(large).convert("RGB").quantize(_COLOURS).save(small, format="png", optimize=True)
+    return _small(Image.open(large))
+
+
+def errors(name: str) -> bytes:
+    """A small PNG of the errors of all codes with fixed steps."""
+    _told("plot", f"testset-{name}", "--size", "7")
+    figure = Image.open(RESULTS / "figures" / f"testset-{name}-errors.png").convert("RGB")
+    return _small(figure.resize((_WIDTH, figure.height * _WIDTH // figure.width)))
+
+
+def _small(image: Image.Image) -> bytes:
+    small = io.BytesIO()
+    image.convert("RGB").quantize(_COLOURS).save(small, format="png", optimize=True)
     return small.getvalue()
 
 
@@ -83,3 +121,4 @@ if __name__ == "__main__":
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
     for name in registry.TESTSET:
         (FIGURES / f"testset-{name}.png").write_bytes(picture(name))
+        (FIGURES / f"testset-{name}-errors.png").write_bytes(errors(name))
