@@ -192,7 +192,7 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
             axis.set_major_locator(LogLocator())
             axis.set_major_formatter(FuncFormatter(_power_of_ten))
         else:  # fewer than two powers of ten
-            axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high - low < 1 else (1, 3)))
             axis.set_major_formatter(FuncFormatter(_number))
         axis.set_minor_formatter(NullFormatter())
     if panel.y_scale == "log" and panel.empty:
