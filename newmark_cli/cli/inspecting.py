@@ -218,7 +218,10 @@ def draw(
             f"given {time:g} s"
         )
 
-    integrator = keys.read("--integrator", method, keys.IntegratorConfig)
+    if allow_code:
+        integrator = naming.integrator_named(method)
+    else:
+        integrator = keys.read("--integrator", method, keys.IntegratorConfig)
     places = [subject.u0]
     if time:
         shown = frames if animated else 2
