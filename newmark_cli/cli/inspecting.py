@@ -239,7 +239,10 @@ def draw(
             f"of {spec.label} ends, given {time:g} s"
         )
 
-    integrator = keys.read("--integrator", method, keys.IntegratorConfig)
+    if allow_code:
+        integrator = naming.integrator_named(method)
+    else:
+        integrator = keys.read("--integrator", method, keys.IntegratorConfig)
     places = [subject.u0]
     draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
     if time:

@@ -234,3 +234,11 @@ def test_the_library_takes_a_class_or_an_object():
     assert np.allclose(found.u, wanted.u, rtol=1e-14)
     with pytest.raises(IntegratorError, match="takes steps of one size, as w and nu"):
         newmark.march("pendulum", integrator=TwoSteps, **changing)
+
+
+def test_a_class_moves_what_is_drawn(cli, own):
+    own("mine.py:Bossak")
+    command = ("draw", "pendulum", "--at", "0.1", "--h", "0.01", "--integrator", "mine.py:Bossak")
+    cli(*command, "--allow-code")
+    assert list(Path().rglob("*.png"))
+    assert "--allow-code" in cli(*command, code=2).stderr
