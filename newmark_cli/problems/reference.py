@@ -128,8 +128,8 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     The estimated errors are three times the distances from a second solution whose
     tolerance is ten times as large, so that truncation is overestimated about thirtyfold;
     rounding is as large in both, and so is what a motion makes of it.  Two solutions may agree by
-    chance, so what a rounding of u in every step makes of v and λ is added; it is much where a
-    stiff spring lies far from the origin.  Where Φ_t or Φ'' come
+    chance, so the distances of v and λ are at least what a rounding of u in every step makes of
+    them; it is much where a stiff spring lies far from the origin.  Where Φ_t or Φ'' come
     from differences there are two such solutions, with other steps of differences, as errors
     of these are nearly as large in all solutions; and what differences with still other
     steps change in v and λ at the end, |M⁻¹G S⁻¹| δΦ' and |S⁻¹| δΦ'' with S = GᵀM⁻¹G, is
@@ -181,12 +181,12 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
     def of_multipliers(other: Array) -> float:
         return multipliers.relative_error(other, of_state[0], scales)
 
-    multipliers_error = (
-        max(map(of_multipliers, of_state[1:]))
-        + of_multipliers(of_state[0] + changed[1])
-        + of_multipliers(of_state[0] + swung[1])
+    multipliers_error = max(map(of_multipliers, of_state[1:])) + of_multipliers(
+        of_state[0] + changed[1]
     )
-    v_error += relative_error(v + changed[0], v) + relative_error(v + swung[0], v)
+    multipliers_error = max(multipliers_error, of_multipliers(of_state[0] + swung[1]))
+    v_error += relative_error(v + changed[0], v)
+    v_error = max(v_error, relative_error(v + swung[0], v))
     return Reference(
         t=t,
         u=u,
