@@ -20,7 +20,7 @@ from newmark_cli.codes.undoing import undone
 from newmark_cli.library import judge_options
 from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.library.measuring import measured, method, shown, slopes
-from newmark_cli.newmark import integrator as integrators
+from newmark_cli.newmark import integrator_labels
 from newmark_cli.newmark.formulation import CORRECTED
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -339,7 +339,7 @@ def _told(runs: Runs, of_table: Mapping[str, Any], options: Mapping[str, Any]) -
     said = {**options, **of_table}
     how = method(said)
     return Told(
-        integrators.parse(how["integrator"]) if said.get("integrator") else None,
+        integrator_labels.parse(how["integrator"]) if said.get("integrator") else None,
         how["formulation"].split()[0] if {"integrator", "formulation"} & said.keys() else "",
         how.get("start") == CORRECTED,
         runs.abscissa == STEP_SIZE,

@@ -20,7 +20,8 @@ from newmark_cli.newmark.formulation import (
     FormulationError,
     Projection,
 )
-from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark, parse
+from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark
+from newmark_cli.newmark.integrator_labels import parse
 from newmark_cli.newmark.kept import KEPT
 from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning

@@ -11,7 +11,6 @@ core knows an integrator: another of the family is another set of coefficients
 (`Relations`), from which its sensitivities and so its scaling follow.
 """
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -22,7 +21,6 @@ import numpy as np
 
 from newmark_cli.support.arrays import Array, IndexArray
 from newmark_cli.support.errors import InputError
-from newmark_cli.support.spelling import nearest
 
 FIELDS = ("u", "v", "a")
 #: What tables and figures call Newmark's scheme with β = 1/4 and γ = 1/2.
@@ -544,53 +542,3 @@ def is_trapezoidal(integrator: Integrator) -> bool:
 def parameters(method: str) -> tuple[str, ...]:
     """Names of a method's parameters."""
     return tuple(field.name for field in fields(INTEGRATORS[method]))
-
-
-#: Letters and words of legends, such as generalized-α (ρ∞ = 0.9), as labels have them.
-_IN_LABELS = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", " = ": "=", "(": "", ")": "",
-            ",": ""}  # fmt: skip
-
-
-def plain_label(text: str) -> str:
-    """A label from what tables and legends print of it; other text stays as it is."""
-    if text == TRAPEZOIDAL_NAME:
-        return Newmark().label
-    method, *rest = re.split(r" (?=\()", text, maxsplit=1)
-    plain = " ".join([method.casefold(), *rest])
-    for theirs, ours in _IN_LABELS.items():
-        plain = plain.replace(theirs, ours)
-    method, *arguments = plain.split(" ")
-    return " ".join([method, *map(_as_labelled, arguments)]) if method in INTEGRATORS else text
-
-
-def _as_labelled(argument: str) -> str:
-    """A parameter with its value as labels write it: ``alpha_f=0`` is ``alpha_f=0.0``."""
-    name, _, value = argument.partition("=")
-    try:
-        return f"{name}={float(value)!r}"
-    except ValueError:
-        return argument
-
-
-def parse(label: str) -> Integrator:
-    """Read a `label`, or what tables and legends print of it.
-
-    Raises:
-        IntegratorError: If the label is not valid.
-    """
-    method, *arguments = plain_label(label).split(" ")
-    if ".py:" in method:
-        from newmark_cli.newmark import own_integrator  # which takes names from here
-
-        return own_integrator.read(label)
-    if method not in INTEGRATORS:
-        raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
-    pairs = [part.partition("=") for part in arguments]
-    try:
-        values = [float(value) for _, _, value in pairs]
-    except ValueError:
-        raise IntegratorError(f"integrator {label!r}: parameters must be numbers") from None
-    if tuple(name for name, _, _ in pairs) != parameters(method):
-        names = ", ".join(parameters(method)) or "none"
-        raise IntegratorError(f"integrator {label!r}: its parameters are {names}")
-    return INTEGRATORS[method](*values)

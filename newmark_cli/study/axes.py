@@ -37,8 +37,8 @@ from newmark_cli.newmark.integrator import (
     RESCALE_VELOCITY,
     TRAPEZOIDAL_NAME,
     Integrator,
-    plain_label,
 )
+from newmark_cli.newmark.integrator_labels import plain_label
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, canonical

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.newmark import integrator, steps
+from newmark_cli.newmark import integrator, integrator_labels, steps
 from newmark_cli.newmark.forms import MULTIPLIERS, Form
 from newmark_cli.newmark.formulation import CONSTRAINTS, Formulation, Projection, formulated
 from newmark_cli.newmark.integrator import FIELDS
@@ -177,7 +177,7 @@ def _scaling_of(key: SeriesKey) -> Scaling:
 @cache
 def _march_of(key: SeriesKey) -> Marched:
     return Marched(
-        integrator.parse(key.integrator),
+        integrator_labels.parse(key.integrator),
         Formulation.parse(key.formulation),
         Projection.parse(key.projection),
         key.multipliers,

@@ -12,7 +12,7 @@ from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import SHIPPED
 from newmark_cli.mechanisms.spatial_model import SpatialMechanism, inertias
 from newmark_cli.mechanisms.spatial_summary import inertia_of
-from newmark_cli.newmark import integrator
+from newmark_cli.newmark import integrator, integrator_labels
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
 from newmark_cli.newmark.linear.choice import LINEAR_SOLVERS
@@ -87,7 +87,7 @@ def test_what_is_printed_can_be_typed(axis):
             typed = float(text) if axis.name == "h" else text
             assert parsed(axis, typed) == value, text
             if axis.name == "integrator":
-                assert integrator.parse(text) == value
+                assert integrator_labels.parse(text) == value
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ from conftest import QUICK
 from test_own_problems import EXAMPLES
 
 import newmark_cli as newmark
-from newmark_cli.newmark.integrator import INTEGRATORS, parse
+from newmark_cli.newmark.integrator import INTEGRATORS
+from newmark_cli.newmark.integrator_labels import parse
 from newmark_cli.study import config, keys, naming
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError

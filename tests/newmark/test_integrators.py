@@ -31,8 +31,8 @@ from newmark_cli.newmark.integrator import (
     GeneralizedAlpha,
     IntegratorError,
     Newmark,
-    parse,
 )
+from newmark_cli.newmark.integrator_labels import parse
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import PAPER_VARIANTS, named_scaling

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 import newmark_cli as newmark
 from newmark_cli.codes.reading import Run
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.newmark import integrator, steps
+from newmark_cli.newmark import integrator_labels, steps
 from newmark_cli.newmark.formulation import Formulation, Projection
 from newmark_cli.newmark.truncation import Marched
 from newmark_cli.problems import reference
@@ -113,7 +113,7 @@ def test_steps_that_are_looked_at():
 def test_predicted_orders(rule, formulation, projection, orders):
     """Of u over the motion, of λ over the motion, and of λ in a later window."""
     march = Marched(
-        integrator.parse(rule), Formulation.parse(formulation), Projection.parse(projection),
+        integrator_labels.parse(rule), Formulation.parse(formulation), Projection.parse(projection),
         "recovered" if projection == "velocity" else "newton", "consistent", False, steps.CONSTANT,
     )  # fmt: skip
     found = [march.largest_error(*of) for of in (("u", True), ("lambda", True), ("lambda", False))]

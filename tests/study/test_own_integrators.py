@@ -17,9 +17,8 @@ from newmark_cli.newmark.integrator import (
     IntegratorError,
     Newmark,
     fading,
-    parse,
-    plain_label,
 )
+from newmark_cli.newmark.integrator_labels import parse, plain_label
 from newmark_cli.study.axes import means
 
 MINE = """
