@@ -485,6 +485,18 @@ def test_series_are_named_ordered_coloured_and_left_out(tmp_path):
         draw.drawn(wrong)
 
 
+def test_a_figure_s_own_resolution_counts_when_it_is_written(tmp_path):
+    """3.5 inches of 50 dots; the settings of a style file still stand over it."""
+    entry = {"measure": "error", "series": ["integrator"], "style": {"savefig.dpi": 50}}
+    given = written(tmp_path, table(integrator=DAMPED), {"config": {"figures": [entry]}})
+    figures = plot.chosen(["mine"], given).figures
+    style_file = tmp_path / "fine.mplstyle"
+    style_file.write_text("savefig.dpi: 100\n")
+    for given_style, width in ((None, 175), (style_file, 350)):
+        (path,) = plot.plot(figures, given, size=(3.5, None), style_file=given_style)
+        assert int.from_bytes(path.read_bytes()[16:20], "big") == width
+
+
 def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     """Figure 3 shows the condition only; nothing shows all of one scaling."""
     given = committed_results("pendulum-u")
