@@ -19,6 +19,7 @@ from newmark_cli.cli.shared import (
     results_folder,
     size_option,
     studies_argument,
+    style_option,
 )
 from newmark_cli.support.errors import InputError
 
@@ -41,9 +42,7 @@ def _names(context: click.Context, option: click.Parameter, text: str | None) ->
 @results_folder
 @formats_option
 @size_option
-@file_option(
-    "--style", "style_file", help="Matplotlib style file, applied on top of the project's style."
-)
+@style_option
 @choosing_options
 @click.option(
     "--cost",

@@ -27,6 +27,7 @@ from newmark_cli.cli.shared import (
     json_option,
     results_folder,
     size_option,
+    style_option,
 )
 from newmark_cli.support.errors import InputError
 
@@ -181,6 +182,7 @@ _ON_PATH = 801
 @click.option("--until", type=Number(0, min_open=True), metavar="T", help="Where paths end (s).")
 @formats_option
 @size_option
+@style_option
 @allow_code_option
 def draw(
     problem: str,
@@ -194,6 +196,7 @@ def draw(
     until: float | None,
     formats: tuple[str, ...],
     size: tuple[float, float | None] | None,
+    style_file: Path | None,
     allow_code: bool,
 ) -> int:
     """Draw a mechanism, at its start or after a motion.
@@ -265,8 +268,14 @@ def draw(
     name = re.sub(r"[^\w-]+", "-", label.removesuffix("-path-")).strip("-") or "mechanism"
     name += f"-at-{time:g}" if time and not points else ""
     shape = draw_mechanism.mechanism_sheet(title, subject, places[0 if points else -1], ways)
-    figure = drawing.drawn(shape, size)
-    drawn = {f"{name}.{kind}": style.rendered(figure, kind) for kind in formats}
+    settings = style.read(style_file) if style_file else style.NONE
+    try:
+        figure = drawing.drawn(shape, size, settings)
+        drawn = {f"{name}.{kind}": style.rendered(figure, kind, settings) for kind in formats}
+    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        if style_file is None:
+            raise
+        raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
     for file in style.save(drawn, folder):
         screen.line(file)
     return 0

@@ -161,6 +161,11 @@ size_option = click.option(
 )
 
 
+style_option = file_option(
+    "--style", "style_file", help="Matplotlib style file, applied on top of the project's style."
+)
+
+
 def running_options(command: Callable[..., int]) -> Callable[..., int]:
     """Options of the commands that run studies, gathered into `runner.Options`, ``how``."""
 

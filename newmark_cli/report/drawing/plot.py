@@ -217,7 +217,7 @@ def plot(
         for name, plain in sheets.items():
             drawing = draw.drawn(plain, size, settings)
             # its own settings again: some, such as savefig.dpi, count when a file is written
-            own = style.checked(plain.settings) | settings
+            own = {**style.checked(plain.settings), **settings}
             for kind in formats:
                 contents[f"{name}.{kind}"] = style.rendered(drawing, kind, own)
     except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
