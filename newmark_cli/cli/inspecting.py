@@ -268,14 +268,9 @@ def draw(
     name = re.sub(r"[^\w-]+", "-", label.removesuffix("-path-")).strip("-") or "mechanism"
     name += f"-at-{time:g}" if time and not points else ""
     shape = draw_mechanism.mechanism_sheet(title, subject, places[0 if points else -1], ways)
-    settings = style.read(style_file) if style_file else style.NONE
-    try:
+    with style.of_file(style_file) as settings:
         figure = drawing.drawn(shape, size, settings)
         drawn = {f"{name}.{kind}": style.rendered(figure, kind, settings) for kind in formats}
-    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
-        if style_file is None:
-            raise
-        raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
     for file in style.save(drawn, folder):
         screen.line(file)
     return 0

@@ -86,16 +86,15 @@ def explained(
     # Rows of t = 0 that are those of another time, too, are no other start.
     if not any("u" in one.evidence["parts"] for one in late if one.fault):
         found += _of_start(evidence, label, found)
+    as_told = not _named(found, "start", "length")
     if _named(found, "start") and file is not None and file.document.get("motions"):
         # The start of a mechanism that is driven otherwise is another one, too.
         driven = [*_mechanism(evidence, label, file, False)]
         if driven[0].name != "seen":
             found = [one for one in found if one.name != "start"] + driven
-    elif _named(found, "start", "length"):
-        pass
-    elif told.steps:
+    elif as_told and told.steps:
         found += _of_motion(evidence, label, found, late, file)
-    elif any(evidence.elsewhere(part) for part in ("u", "v")):
+    elif as_told and any(evidence.elsewhere(part) for part in ("u", "v")):
         found += _mechanism(evidence, label, file, False)
     return [*found, *_out_of_reach(evidence, label), *_tangent(evidence, label)]
 
@@ -175,10 +174,9 @@ def _of_motion(
             of_lambda = [*_mechanism(evidence, label, file, False)]
         found += of_lambda
         explains = bool(of_lambda)
-    of_step, of_constraints = first_order(evidence, label), levels.constraints(evidence, label)
-    held = [*of_constraints]
+    held = [*levels.constraints(evidence, label)]
     # An iteration that ends early leaves forces of a state before, too.
-    pushed = [] if _named(held, "Newton ends early") else [*of_step]
+    pushed = [] if _named(held, "Newton ends early") else [*first_order(evidence, label)]
     found += [*pushed, *held, *alternates]
     if not explains and not any(one.fault for one in found):
         found += [*_lambda_stops(evidence, label)] or [*_low_order(evidence, label)]

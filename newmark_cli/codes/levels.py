@@ -112,12 +112,8 @@ def constraints(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     matters = missed > 1e-2 * min(last_u[k], 1e-4) or bool(worse)
     rows = np.abs(misfits[k]).max(axis=1)
     steady = len(rows) > 3 and rows[:2].max() > 0.02 * rows[-3:].max()
-    if (
-        strict
-        and steady
-        and len(above) > 1
-        and not (evidence.whole["v"] and evidence.whole["lambda"])
-    ):
+    early = strict and steady and len(above) > 1
+    if early and not (evidence.whole["v"] and evidence.whole["lambda"]):
         lacks = "λ" if evidence.whole["v"] else "v and λ"
         yield Finding(
             "seen", label,
@@ -125,7 +121,7 @@ def constraints(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
             f"Φ′ or Φ″ is held in its place; {lacks} would tell",
             matters, numbers,
         )  # fmt: skip
-    elif strict and steady and len(above) > 1:
+    elif early:
         more = f", and {', '.join(worse)} at the end are worse than the method's" if worse else ""
         harmless = "" if matters else "; the results do not suffer"
         yield Finding(
@@ -150,25 +146,28 @@ def _after_start(evidence: SeriesErrors, k: int) -> Array:
 
 def _held(evidence: SeriesErrors, k: int, missed: float) -> tuple[str, str, str] | None:
     """What is held in place of Φ: its symbol, level and formulation."""
-    run = evidence.runs[k]
-    later = run.t > evidence.t0
+    run, end = evidence.runs[k], len(evidence.runs) - 1
     if not evidence.whole["v"]:
         return None
-    rate = np.abs(evidence.misfit(k, rate=True)[later]).max(initial=0.0)
+    rate = _rate(evidence, k)
     of_rate = "Φ′", "velocities (index 2)", "index-2"
-    last, end = evidence.runs[-1], len(evidence.runs) - 1
-    finest = np.abs(evidence.misfit(end, rate=True)[last.t > evidence.t0]).max(initial=0.0)
-    # What is held to a tolerance does not fall with h.
-    small = of_rate if rate < 1e-2 * missed and (finest > 0.1 * rate or k == end) else None
     if rate < max(3 * evidence.resolution["v"], 2e-13):
         return of_rate
-    if not evidence.whole["lambda"]:
-        return small
-    off = (run.state["lambda"] - evidence.implied(k))[later] / evidence.scale["lambda"]
-    gap = np.abs(off[np.isfinite(off)]).max(initial=0.0)
-    if gap < max(1e-2 * missed, 10 * evidence.resolution["lambda"], 1e-10):
-        return "Φ″", "accelerations (index 1)", "index-1"
-    return small
+    if evidence.whole["lambda"]:
+        off = (run.state["lambda"] - evidence.implied(k)) / evidence.scale["lambda"]
+        off = off[run.t > evidence.t0]
+        gap = np.abs(off[np.isfinite(off)]).max(initial=0.0)
+        if gap < max(1e-2 * missed, 10 * evidence.resolution["lambda"], 1e-10):
+            return "Φ″", "accelerations (index 1)", "index-1"
+    # What is held to a tolerance does not fall with h.
+    small = rate < 1e-2 * missed and (k == end or _rate(evidence, end) > 0.1 * rate)
+    return of_rate if small else None
+
+
+def _rate(evidence: SeriesErrors, k: int) -> float:
+    """Largest misfit of Φ′ of a run, after its start."""
+    later = evidence.runs[k].t > evidence.t0
+    return float(np.abs(evidence.misfit(k, rate=True)[later]).max(initial=0.0))
 
 
 def alternation(evidence: SeriesErrors, label: str) -> Iterator[Finding]:

@@ -38,7 +38,7 @@ AUXILIARY = (RESCALE_VELOCITY, RESCALE, KEEP, RESTART)
 
 
 #: By how much coefficients may be off that are given in decimals.
-_ROUNDED = 1e-8
+ROUNDED = 1e-8
 
 
 class IntegratorError(InputError):
@@ -200,6 +200,14 @@ def _refuse_outside(name: str, value: float, low: float, high: float, why: str) 
         raise IntegratorError(f"{name} = {value:g}: must be within [{low:g}, {high:g}]; {why}")
 
 
+def _refuse_beta(beta: float) -> None:
+    if not (np.isfinite(beta) and beta > 0):
+        raise IntegratorError(
+            f"beta = {beta:g}: must be positive, or the displacements would not "
+            "depend on the new acceleration and could not meet the constraints"
+        )
+
+
 def at_infinity(integrator: Integrator) -> tuple[Array, Array]:
     """A step of h = 1 in which the constraints alone say where u is.
 
@@ -253,11 +261,7 @@ class Newmark(Integrator):
     gamma: float = 0.5
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.beta) and self.beta > 0):
-            raise IntegratorError(
-                f"beta = {self.beta:g}: must be positive, or the displacements would not "
-                "depend on the new acceleration and could not meet the constraints"
-            )
+        _refuse_beta(self.beta)
         if not (np.isfinite(self.gamma) and self.gamma >= 0.5):
             raise IntegratorError(
                 f"gamma = {self.gamma:g}: must be at least 0.5; below it the scheme amplifies "
@@ -392,17 +396,13 @@ class Alpha(_Alpha):
                                strict=True):  # fmt: skip
             if not np.isfinite(value):
                 raise IntegratorError(f"{name} = {value:g}: must be finite")
-        if self.beta <= 0:
-            raise IntegratorError(
-                f"beta = {self.beta:g}: must be positive, or the displacements would not "
-                "depend on the new acceleration and could not meet the constraints"
-            )
+        _refuse_beta(self.beta)
         if self.alpha_m > 0.5:
             raise IntegratorError(
                 f"alpha_m = {self.alpha_m:g}: must be at most 0.5; above it the auxiliary "
                 "acceleration grows by α_m/(α_m − 1) in every step, at any step size"
             )
-        if not self.alpha_f < 1 or fading(self) > 1 + _ROUNDED:
+        if not self.alpha_f < 1 or fading(self) > 1 + ROUNDED:
             name = "alpha_f" if self.alpha_f > 0.5 else "beta"
             grows = fading(self) if self.alpha_f < 1 else np.inf
             raise IntegratorError(
@@ -418,7 +418,7 @@ class Alpha(_Alpha):
     @property
     def order(self) -> int:
         """Two for γ = ½ − α_m + α_f, else one."""
-        return 2 if abs(self.gamma - self._of_order_2) < _ROUNDED else 1
+        return 2 if abs(self.gamma - self._of_order_2) < ROUNDED else 1
 
     @property
     def _of_order_2(self) -> float:
@@ -436,7 +436,7 @@ class Alpha(_Alpha):
     @property
     def damped(self) -> bool:
         """Whether ρ∞ < 1."""
-        return fading(self) < 1 - _ROUNDED
+        return fading(self) < 1 - ROUNDED
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from newmark_cli.newmark.integrator import (
     NEW_U,
     NEW_V,
     NEW_W,
+    ROUNDED,
     TRUE_ACCELERATION,
     Integrator,
     IntegratorError,
@@ -33,8 +34,8 @@ _POWERS = {NEW_U: 0, NEW_V: 1, NEW_A: 2, TRUE_ACCELERATION: 2, NEW_W: 0, NEW_NU:
 NAMED = re.compile(r".+\.py:[A-Za-z_]\w*")
 #: Steps of the two quadratures that tell an order, and the highest order that they can tell.
 _STEPS, _HIGHEST = (80, 160), 4
-#: How far coefficients may be from those of h = 1, and ρ∞ above 1.
-_SAME, _ROUNDED = 1e-9, 1e-8
+#: How far coefficients may be from those of h = 1.
+_SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class OwnIntegrator(Integrator):
     @property
     def damped(self) -> bool:
         """Whether ρ∞ < 1."""
-        return self.rho_infinity < 1 - _ROUNDED
+        return self.rho_infinity < 1 - ROUNDED
 
     def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """β and γ, of ∂u/∂v' = β h² and ∂v/∂v' = γ h."""
@@ -152,7 +153,7 @@ def of(name: str, given: Any) -> OwnIntegrator:
         hashlib.sha256(text.encode()).hexdigest()[:12], unit,
     )  # fmt: skip
     rho = spectral_radius(own)
-    if not rho <= 1 + _ROUNDED:
+    if not rho <= 1 + ROUNDED:
         raise IntegratorError(
             f"{name}: multipliers would grow by a factor of {rho:.5g} in every step"
         )

@@ -52,7 +52,7 @@ class _OneProblem(StrictModel):
 
 def integrator_named(text: str) -> Integrator:
     """Integrator that a command line names, which may be code."""
-    document = Document.of("command line", {"integrator": text})
+    document = Document.of(documents.GIVEN, {"integrator": text})
     given = documents.validate(document, _OneIntegrator, context=Surroundings(allow_code=True))
     return given.integrator.value()
 

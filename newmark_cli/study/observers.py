@@ -319,8 +319,9 @@ def errors(
 def _no_errors(problem: Problem | None) -> dict[str, Array]:
     """Quantity that has errors → none of it, as `Deviations`."""
     outputs = problem.outputs.names if problem is not None and problem.outputs is not None else ()
-    kinds = [kind for kind in OF_OUTPUTS if any(f".{kind}." in name for name in outputs)]
-    return {name: np.zeros((0, 1)) for name in ("u", "v", "lambda", *kinds)}
+    kinds = {kind_of(name) for name in outputs}
+    names = ("u", "v", "lambda", *(kind for kind in OF_OUTPUTS if kind in kinds))
+    return {name: np.zeros((0, 1)) for name in names}
 
 
 def motion_errors(problem: Problem, t: Array, here: Mapping[str, Array]) -> Deviations:

@@ -124,8 +124,8 @@ def measured(
     """
     problem, (run, *others) = cell.problem.load(), runs
     window = cell.error if "error" in cell.measure else None
-    off, *spread = (deviations(of, problem, reference, window) for of in runs)
-    spread = [off, *spread]
+    spread = [deviations(of, problem, reference, window) for of in runs]
+    off = spread[0]
     wanted = [name for name in OF_STATES if name in cell.measure]
     if not others and cell.twins and {"error", "invariant"} & {*wanted}:
         own = (marches or of_march)(cell, run.t)

@@ -211,17 +211,12 @@ def plot(
 
     from newmark_cli.report.drawing import draw, style
 
-    settings = style.read(style_file) if style_file else style.NONE
     contents: dict[str, bytes] = {}
-    try:
+    with style.of_file(style_file) as settings:
         for name, plain in sheets.items():
             drawing = draw.drawn(plain, size, settings)
             # its own settings again: some, such as savefig.dpi, count when a file is written
             own = {**style.checked(plain.settings), **settings}
             for kind in formats:
                 contents[f"{name}.{kind}"] = style.rendered(drawing, kind, own)
-    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
-        if style_file is None:
-            raise
-        raise InputError(f"--style {style_file}: cannot be drawn with: {error}") from None
     return style.save(contents, results.folder)

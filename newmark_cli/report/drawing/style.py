@@ -106,6 +106,22 @@ def save(contents: Mapping[str, bytes], folder: Path) -> list[Path]:
     return list(written)
 
 
+@contextmanager
+def of_file(path: Path | None) -> Iterator[Mapping[str, Any]]:
+    """Settings of a style file, none without one; errors of what is drawn with them name it.
+
+    Raises:
+        InputError: If it is no style file, or nothing can be drawn with it.
+    """
+    settings = read(path) if path else NONE
+    try:
+        yield settings
+    except (LookupError, OSError, RuntimeError, TypeError, ValueError) as error:
+        if path is None:
+            raise
+        raise InputError(f"--style {path}: cannot be drawn with: {error}") from None
+
+
 def rendered(figure: Figure, kind: str, settings: Mapping[str, Any] = NONE) -> bytes:
     """A figure as a file: png, svg or pdf, the same bytes each time."""
     content = io.BytesIO()
