@@ -186,8 +186,7 @@ def running_options(command: Callable[..., int]) -> Callable[..., int]:
                 type=click.IntRange(1, 1024),
                 default=usable,
                 metavar="N",
-                help="Number of threads, or of processes for problems in Python; one per "
-                "processor by default.",
+                help="Number of cells that run side by side; one per processor by default.",
             ),
             flag("--force", help="Recompute cached cells and references."),
             click.option(

@@ -1,4 +1,4 @@
-"""Where cells run: threads, separate processes, or the workers of a dask scheduler.
+"""Where cells run: this process, others beside it, or the workers of a dask scheduler.
 
 An executor takes cells and yields the outcome of each as it finishes; it writes nothing.
 An error in a cell is a status of the cell; an error of the executor ends the run.
@@ -6,11 +6,11 @@ An error in a cell is a status of the cell; an error of the executor ends the ru
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -39,8 +39,64 @@ class Task:
         return replace(self, cell=replace(self.cell, problem=problem))
 
 
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
+
+
+#: How long a run is young (s): as long as two processes take to start.
+_YOUNG = 5.0
+
+
+class Places:
+    """Where the work of a run is done: in threads while it is young, then in processes, too.
+
+    Two threads of one process compute hardly faster than one where much is Python, as in
+    references and in short cells; a process takes seconds to start.
+    """
+
+    def __init__(self) -> None:
+        """The run begins."""
+        self._begun, self._here = time.monotonic(), threading.Lock()
+        self._stopped = threading.Event()
+
+    def stop(self) -> None:
+        """The run has ended: nobody waits for its work."""
+        self._stopped.set()
+
+    def stopped(self) -> bool:
+        """Whether the run has ended."""
+        return self._stopped.is_set()
+
+    def call(self, here: Callable[[], _Result], beside: Callable[[], _Result]) -> _Result:
+        """Result of what can be called in this process, or through one beside it."""
+        if time.monotonic() - self._begun < _YOUNG:
+            return here()
+        if not self._here.acquire(blocking=False):
+            return beside()
+        try:
+            return here()
+        finally:
+            self._here.release()
+
+    def each(
+        self, function: Callable[[_Item], _Result], items: Sequence[_Item], jobs: int
+    ) -> list[_Result]:
+        """Results of a function that uses these places, so many side by side."""
+        threads = ThreadPoolExecutor(max_workers=jobs)
+        try:
+            return list(threads.map(function, items))
+        except BaseException:
+            self.stop()
+            raise
+        finally:
+            threads.shutdown(cancel_futures=True)
+
+
+def owner(problem: ProblemSpec) -> str | None:
+    """Whose separate processes work on a problem: those of a reading of code, or all others'."""
+    return problem.reading or None if isinstance(problem, Code) else "problems without code"
 
 
 class _Overtime(Exception):
@@ -101,7 +157,7 @@ def failed(reason: str) -> Outcome:
 def perform_apart(
     task: Task, timeout: float | None, stopped: Callable[[], bool] = lambda: False
 ) -> Done:
-    """Run one cell of user code in a separate process, which others of its problem share.
+    """Run one cell in a separate process, which is that of other problems only without code.
 
     Args:
         task: The cell, with its problem as it travels; what goes wrong inside, or with its
@@ -112,11 +168,12 @@ def perform_apart(
     Raises:
         InputError: When the cell asks for something that does not exist.
     """
-    problem = task.cell.problem
-    assert isinstance(problem, Code)
     start = time.perf_counter()
+    # Of our own marches the time for compiling does not count, and they can end themselves.
+    within, until = (None, timeout) if is_code(task.cell.problem) else (timeout, None)
+    whose = owner(task.cell.problem)
     try:
-        done: Done = apart.call(perform, (task,), timeout, problem.reading or None, stopped)
+        done: Done = apart.call(perform, (task, within), until, whose, stopped)
         return done
     except apart.TookLonger:
         assert timeout is not None
@@ -127,31 +184,39 @@ def perform_apart(
 
 @contextmanager
 def local(
-    tasks: Mapping[int, Task], jobs: int, timeout: float | None, on_steps: Callable[[int], None]
+    tasks: Mapping[int, Task],
+    jobs: int,
+    timeout: float | None,
+    on_steps: Callable[[int], None],
+    places: Places,
 ) -> Iterator[Execution]:
-    """Threads for compiled problems, whose march releases the interpreter lock.
-
-    Problems that are user code run in separate processes.
+    """This machine: user code in separate processes, everything else wherever there is a place.
 
     Leaving the context ends what still runs: threads between two stretches, and
     processes at once.
 
     Args:
         tasks: In the order in which they start.
+        jobs: Most tasks of user code, and most others, at a time.
         timeout: Most wall time of a cell (s); a process is ended, whatever it does.
         on_steps: Called from any thread with the number of steps done.
+        places: Those of the run.
     """
-    stopped = threading.Event()
 
     def checked(steps: int) -> None:
         on_steps(steps)
-        if stopped.is_set():
+        if places.stopped():
             raise apart.Stopped
 
-    def apart_from_others(task: Task) -> Done:
-        done = perform_apart(task, timeout, stopped.is_set)
+    def beside(task: Task) -> Done:
+        done = perform_apart(task, timeout, places.stopped)
         on_steps(task.cell.weight)
         return done
+
+    def somewhere(task: Task) -> Done:
+        if not isinstance(task.cell.code, str):  # it has a process of its own
+            return perform(task, timeout, checked)
+        return places.call(lambda: perform(task, timeout, checked), lambda: beside(task))
 
     code = {name: task for name, task in tasks.items() if is_code(task.cell.problem)}
     own = _together(code)
@@ -159,12 +224,12 @@ def local(
     waiting = ThreadPoolExecutor(max_workers=max(min(jobs, len(own)), 1))
     futures: dict[Future[Done], int] = {}
     try:
-        futures |= {waiting.submit(apart_from_others, task): name for name, task in own.items()}
+        futures |= {waiting.submit(beside, task): name for name, task in own.items()}
         rest = {name: task for name, task in tasks.items() if name not in own}
-        futures |= {threads.submit(perform, task, timeout, checked): n for n, task in rest.items()}
+        futures |= {threads.submit(somewhere, task): name for name, task in rest.items()}
         yield ((futures[future], future.result()) for future in as_completed(futures))
     finally:
-        stopped.set()
+        places.stop()
         for pool in (waiting, threads):
             pool.shutdown(wait=False, cancel_futures=True)
         waiting.shutdown()

@@ -6,6 +6,7 @@ mechanism has another file.  Where the digest of the file's text, its last key, 
 match, the reference is computed again.
 """
 
+import contextlib
 import hashlib
 import re
 from collections.abc import Callable
@@ -76,6 +77,11 @@ class References:
         if isinstance(solved, NoReference):
             raise NoReference(str(solved))
         return solved
+
+    def sought(self, wanted: tuple[ProblemSpec, float, ReferenceFile | None]) -> None:
+        """Compute a solution that is going to be asked for; from any thread."""
+        with contextlib.suppress(NoReference):
+            self.of(*wanted)
 
     def _stored(self, spec: ProblemSpec, problem: Problem, t: float, content: str) -> Reference:
         """The reference from its file, which is written if none fits."""

@@ -10,12 +10,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from newmark_cli.codes.given_references import ReferenceFile
 from newmark_cli.mechanisms.spec import Code, MechanismFile, ProblemSpec, is_code, with_problem
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
 from newmark_cli.problems.reference import NoReference, Reference
 from newmark_cli.running import executors
-from newmark_cli.running.executors import Execution, Task
+from newmark_cli.running.executors import Execution, Places, Task
 from newmark_cli.running.lock import locked
 from newmark_cli.running.references import References
 from newmark_cli.running.store import Store, file_name
@@ -132,7 +133,9 @@ def run_studies(
         if not options.replace:
             _require_own(studies, folder)
         store = Store(folder)
-        references = References(folder, partial(_solution, timeout=options.timeout), options.force)
+        places = Places()
+        solve = partial(_solution, timeout=options.timeout, places=places)
+        references = References(folder, solve, options.force)
         planned = [
             _looked_after(entry, references, store)
             for entry in plan(studies, folder, options.force)
@@ -144,17 +147,19 @@ def run_studies(
                 open_runs.took(i, entry.done)
         if options.fail_fast and open_runs.complains(range(len(planned))):
             return open_runs.close()
-        places = _shared(planned)
-        tasks, missing = _tasks({i: planned[i].cell for i in places}, references, options.timed)
-        with _execution(tasks, options, watcher) as finished:
+        sharing = _shared(planned)
+        cells = {i: planned[i].cell for i in sharing}
+        places.each(references.sought, _wanted(cells.values()), options.jobs)
+        tasks, missing = _tasks(cells, references, options.timed)
+        with _execution(tasks, options, watcher, places) as finished:
             for i, result in finished:
                 done = _without_reference(result, missing[i]) if i in missing else result
                 with interrupts.postponed():  # a cell that is kept is counted as kept
                     store.keep(planned[i].cell, done)
                     watcher.finished(planned[i].cell, done)
-                    for place in places[i]:
+                    for place in sharing[i]:
                         open_runs.took(place, done)
-                if options.fail_fast and open_runs.complains(places[i]):
+                if options.fail_fast and open_runs.complains(sharing[i]):
                     break
         return open_runs.close()
 
@@ -166,6 +171,14 @@ def _shared(planned: Sequence[Planned]) -> dict[int, list[int]]:
         if entry.done is None:
             sharing.setdefault(file_name(entry.cell), []).append(i)
     return {places[0]: places for places in sharing.values()}
+
+
+def _wanted(cells: Iterable[Cell]) -> list[tuple[ProblemSpec, float, ReferenceFile | None]]:
+    """Each reference that cells take their errors from, once."""
+    wanted = (
+        (cell.problem, cell.reached, cell.reference) for cell in cells if "error" in cell.measure
+    )
+    return list(dict.fromkeys(wanted))
 
 
 def _tasks(
@@ -201,21 +214,33 @@ def _held(studies: Sequence[Study], folder: Path) -> Iterator[None]:
         yield
 
 
-def _solution(spec: ProblemSpec, t: float, timeout: float | None) -> Reference:
+def _solution(spec: ProblemSpec, t: float, timeout: float | None, places: Places) -> Reference:
     """A reference within the time limit; user code runs in a process."""
     where = f"{spec.label}: no reference at t = {t:g}"
-    if is_code(spec):
-        try:
-            return with_problem(spec, reference.solution, t, timeout=timeout)
-        except apart.ApartError as error:
-            raise NoReference(f"{where}: {error}") from None
     start = time.perf_counter()
 
     def watch() -> None:
+        if places.stopped():
+            raise apart.Stopped
         if timeout is not None and time.perf_counter() - start > timeout:
             raise NoReference(f"{where}: took longer than {timeout:g} s")
 
-    return reference.solution(spec.load(), t, watch)
+    def here() -> Reference:
+        return reference.solution(spec.load(), t, watch)
+
+    def beside() -> Reference:
+        whose = executors.owner(spec)
+        try:
+            solved: Reference = apart.call(_loaded, (spec, t), timeout, whose, places.stopped)
+        except apart.ApartError as error:
+            raise NoReference(f"{where}: {error}") from None
+        return solved
+
+    return beside() if is_code(spec) else places.call(here, beside)
+
+
+def _loaded(spec: ProblemSpec, t: float) -> Reference:
+    return reference.solution(spec.load(), t)
 
 
 def _looked_after(planned: Planned, references: References, store: Store) -> Planned:
@@ -241,12 +266,12 @@ def _without_reference(done: Done, reason: str) -> Done:
 
 @contextlib.contextmanager
 def _execution(
-    tasks: Mapping[int, Task], options: Options, watcher: Watcher
+    tasks: Mapping[int, Task], options: Options, watcher: Watcher, places: Places
 ) -> Iterator[Execution]:
     if not tasks:
         yield iter(())
         return
-    cells = _counted(len(tasks), "cell", "cells")
+    cells = "1 cell" if len(tasks) == 1 else f"{len(tasks)} cells"
     if options.executor == "dask":
         from newmark_cli.running.cluster import cluster
 
@@ -256,16 +281,11 @@ def _execution(
             yield running
     else:
         own = sum(is_code(task.cell.problem) for task in tasks.values())
-        threads = _counted(min(options.jobs, len(tasks) - own), "thread", "threads")
-        processes = _counted(min(options.jobs, own), "process", "processes")
-        places = " and ".join(filter(None, (threads, processes)))
-        watcher.announced(f"{cells} on {places}")
-        with executors.local(tasks, options.jobs, options.timeout, watcher.steps) as running:
+        at_a_time = min(options.jobs, own) + min(options.jobs, len(tasks) - own)
+        watcher.announced(f"{cells}, {at_a_time} at a time")
+        how = options.jobs, options.timeout, watcher.steps, places
+        with executors.local(tasks, *how) as running:
             yield running
-
-
-def _counted(count: int, one: str, many: str) -> str:
-    return f"{count} {one if count == 1 else many}" if count else ""
 
 
 class _OpenRuns:

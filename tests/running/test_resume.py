@@ -168,7 +168,7 @@ def test_a_cell_that_hangs_or_dies_fails_alone(cli):
     arguments = ("run", "swings.yaml", "--allow-code")
     done = cli(*arguments, "--timeout", 3, "--jobs", 2, "-v", code=1)
     assert done.stdout == "swings: 2 failed, 1 ok -> results/swings.csv\n"
-    require_failed_alone(done.stderr, "3 cells on 2 processes")
+    require_failed_alone(done.stderr, "3 cells, 2 at a time")
     dry = cli(*arguments, "--dry-run").stdout
     assert dry.count("to run: failed before: ") == 2
     assert dry.endswith("2 of 3 cells to run\n")
@@ -304,7 +304,7 @@ def test_what_is_accepted_is_not_part_of_a_cell(cli):
     for name, text in more.items():
         cli.write(f"{name}.yaml", CAPPED.replace("quick", name) + text)
     done = cli("run", "one.yaml", "two.yaml", "three.yaml", "-v", code=1)
-    assert done.stderr.startswith("4 cells on ")
+    assert done.stderr.startswith("4 cells, ")
     assert [line.split(": ", 1)[1] for line in done.stderr.splitlines()[5:]] == [
         f"{name}: 4 of 4 cells ended with status not_converged, at h = 0.1, 0.01; a smaller h may "
         "help"
@@ -342,7 +342,7 @@ def test_workers_end_with_their_run(cli):
 
 def test_interrupts_are_for_the_run(cli):
     """Signals go to all processes of a terminal; the run answers, in one line."""
-    require_interrupts_taken(cli, [(None, signal.SIGTERM)], "1 cell on 1 process\n")
+    require_interrupts_taken(cli, [(None, signal.SIGTERM)], "1 cell, 1 at a time\n")
 
 
 def test_a_terminal_shows_progress(cli, quick):
@@ -354,7 +354,7 @@ def test_a_terminal_shows_progress(cli, quick):
     first = shown("--jobs", "1", "-v")
     assert "\x1b[3" in first, "coloured"
     lines = re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", first))
-    assert "4 cells on 1 thread" in lines
+    assert "4 cells, 1 at a time" in lines
     assert sum(": ok, " in line for line in lines) == 4
     for counts in ("0% 0 done, 0 failed, 4 left", "100% 4 done, 0 failed, 0 left"):
         assert any(counts in line for line in lines)
