@@ -139,14 +139,14 @@ SYMBOLS = {"lambda": "λ", "eta": "η", "jacobian": "C", "omega": "ω"}
 
 
 def integrator_text(label: str) -> str:
-    """An integrator as people write it, from its label."""
+    """An integrator as people write it, numbers with six digits, from its label."""
     if label == TRAPEZOIDAL:
         return TRAPEZOIDAL_NAME
     method, *parameters = label.split()
     if ".py:" in method:
         return method
     pairs = (part.partition("=") for part in parameters)
-    texts = [f"{_PARAMETERS.get(name, name)} = {value}" for name, _, value in pairs]
+    texts = [f"{_PARAMETERS.get(name, name)} = {float(value):.6g}" for name, _, value in pairs]
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 
