@@ -58,9 +58,13 @@ class Index1:
         self._mass = problem.mass_values / self._unit
         rows = np.concatenate([pattern.mass_rows, pattern.g_rows, n + pattern.g_columns])
         columns = np.concatenate([pattern.mass_columns, n + pattern.g_columns, pattern.g_rows])
-        places, self._slots = np.unique(columns * self._size + rows, return_inverse=True)
-        self._rows, self._columns = places % self._size, places // self._size
-        self._starts = np.searchsorted(self._columns, np.arange(self._size + 1))
+        self._is_dense = self._size <= algebra.DENSE_UP_TO
+        if self._is_dense:
+            self._slots = rows * self._size + columns
+        else:
+            places, self._slots = np.unique(columns * self._size + rows, return_inverse=True)
+            self._rows, self._columns = places % self._size, places // self._size
+            self._starts = np.searchsorted(self._columns, np.arange(self._size + 1))
         self._none = np.zeros(problem.m)
         self._zeros = np.zeros(n)
 
@@ -138,23 +142,25 @@ class Index1:
 
     def _solver(self, g: Array) -> Callable[[Array], Array]:
         """Solver of [[M/unit, −G], [Gᵀ, 0]] x = rhs, with one step of refinement."""
-        entries: Array = np.bincount(
-            self._slots, np.concatenate([self._mass, -g, g]), len(self._rows)
-        ).astype(float, copy=False)
-        matrix: Any = csc_array((entries, self._rows, self._starts), (self._size, self._size))
-        if self._size <= algebra.DENSE_UP_TO:
-            matrix = matrix.toarray()
-        elif not np.all(np.isfinite(entries)):  # which SuperLU is not made for
-            return lambda rhs: np.full_like(rhs, np.nan)
+        shape = (self._size, self._size)
+        values = np.concatenate([self._mass, -g, g])
+        solve: Callable[[Array], Array]
         try:
-            dense = isinstance(matrix, np.ndarray)
-            solve = LU(matrix).solve if dense else solver(matrix)
+            if self._is_dense:
+                matrix: Any = np.bincount(self._slots, values, self._size**2).reshape(shape)
+                solve = LU(matrix).solve
+            else:
+                entries = np.bincount(self._slots, values, len(self._rows))
+                if not np.all(np.isfinite(entries)):  # which SuperLU is not made for
+                    return lambda rhs: np.full_like(rhs, np.nan)
+                matrix = csc_array((entries, self._rows, self._starts), shape)
+                solve = solver(matrix)
         except np.linalg.LinAlgError as error:
             raise np.linalg.LinAlgError("the index-1 matrix is singular") from error
 
         def refined(rhs: Array) -> Array:
             solution = solve(rhs)
-            times = product(matrix, solution) if dense else matrix @ solution
+            times = product(matrix, solution) if self._is_dense else matrix @ solution
             return solution + solve(rhs - times)
 
         return refined
