@@ -8,6 +8,7 @@ picture and the figure of its errors.
 """
 
 import io
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -27,6 +28,8 @@ PAGE, FIGURES = DOCS / "testset.md", DOCS / "figures"
 RESULTS = DOCS.parent / "benchmarks" / "testset" / "results"
 #: What stands before the blocks of the members.
 _BEGIN = "<!-- members: written by docs/site/testset.py -->\n"
+#: Coordinates that only say how a body in space has turned.
+_DIRECTOR = re.compile(r"\.d[123]\.[xyz]\]$")
 #: Values below it are rounding of zeros.
 _ZERO = 1e-16
 #: Of pictures: inches, dots per inch, colours.
@@ -83,7 +86,7 @@ def _lines(member: testset.Member) -> Iterator[str]:
     yield f"\n| t = {values['t']} s | u | v |\n| --- | --- | --- |"
     for key in values:
         pair = values[key], values.get("v" + key[1:])
-        if key.startswith("u[") and pair != ("0", "0"):
+        if key.startswith("u[") and not _DIRECTOR.search(key) and pair != ("0", "0"):
             yield f"| `{key[2:-1]}` | {pair[0]} | {pair[1]} |"
     yield "\n| | λ, or output |\n| --- | --- |"
     for key, value in values.items():
