@@ -70,14 +70,14 @@ def _lines(member: testset.Member) -> Iterator[str]:
     yield f"\n## {member.name}\n"
     yield f"![{member.title}, at its start](figures/testset-{member.name}.png)\n"
     errors = member.errors or {}
+    times = ", ".join(f"{t:g}" for t in member.times)
     stated = ", ".join(f"{sign} {errors[part]:.0e}" for part, sign in _SIGNS.items())
     for label, text in (
         (member.title, member.description),
         ("Tests", member.tests),
         ("Source", member.source),
         ("Size", f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"),
-        ("Reference", f"at t = {', '.join(f'{t:g}' for t in member.times)} s; errors {stated}"),
-        ("Confirmed by", member.second),
+        ("Reference", f"at t = {times} s; errors {stated}; second method: {member.second}"),
         ("Published", member.published),
     ):
         yield f"- **{label}**: {text}."
@@ -88,7 +88,7 @@ def _lines(member: testset.Member) -> Iterator[str]:
         pair = values[key], values.get("v" + key[1:])
         if key.startswith("u[") and not _DIRECTOR.search(key) and pair != ("0", "0"):
             yield f"| `{key[2:-1]}` | {pair[0]} | {pair[1]} |"
-    yield "\n| | λ, or output |\n| --- | --- |"
+    yield f"\n| t = {values['t']} s | λ, or output |\n| --- | --- |"
     for key, value in values.items():
         if key.startswith(("lambda[", "output[")) and value != "0":
             yield f"| `{key.partition('[')[2][:-1]}` | {value} |"
@@ -96,8 +96,8 @@ def _lines(member: testset.Member) -> Iterator[str]:
 
 
 def _shown(value: str) -> str:
-    """Twelve digits of a value; 0 where it is below the errors of all references."""
-    return "0" if abs(float(value)) < _ZERO else f"{float(value):.12g}"
+    """Nine digits of a value; 0 where it is below the errors of all references."""
+    return "0" if abs(float(value)) < _ZERO else f"{float(value):.9g}"
 
 
 def _run(*words: str) -> None:
