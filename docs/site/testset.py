@@ -68,15 +68,15 @@ def block(name: str) -> str:
 
 def _lines(member: testset.Member) -> Iterator[str]:
     yield f"\n## {member.name}\n"
-    yield f"![{member.title}, at its start](figures/testset-{member.name}.png)\n"
+    yield f"![{member.name}, at its start](figures/testset-{member.name}.png)\n"
     errors = member.errors or {}
     times = ", ".join(f"{t:g}" for t in member.times)
     stated = ", ".join(f"{sign} {errors[part]:.0e}" for part, sign in _SIGNS.items())
+    size = f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"
     for label, text in (
-        (member.title, member.description),
+        (member.title, f"{member.description}; {size}"),
         ("Tests", member.tests),
         ("Source", member.source),
-        ("Size", f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"),
         ("Reference", f"at t = {times} s; errors {stated}; second method: {member.second}"),
         ("Published", member.published),
     ):
@@ -92,7 +92,7 @@ def _lines(member: testset.Member) -> Iterator[str]:
     for key, value in values.items():
         if key.startswith(("lambda[", "output[")) and value != "0":
             yield f"| `{key.partition('[')[2][:-1]}` | {value} |"
-    yield f"\n![{member.title}, errors over h](figures/testset-{member.name}-errors.png)"
+    yield f"\n![{member.name}, errors over h](figures/testset-{member.name}-errors.png)"
 
 
 def _shown(value: str) -> str:
