@@ -96,8 +96,8 @@ def _lines(member: testset.Member) -> Iterator[str]:
 
 
 def _shown(value: str) -> str:
-    """Nine digits of a value; 0 where it is below the errors of all references."""
-    return "0" if abs(float(value)) < _ZERO else f"{float(value):.9g}"
+    """Eight digits of a value; 0 where it is below the errors of all references."""
+    return "0" if abs(float(value)) < _ZERO else f"{float(value):.8g}"
 
 
 def _run(*words: str) -> None:
