@@ -8,17 +8,19 @@ picture and the figure of its errors.
 """
 
 import io
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
+import pandas as pd
 from PIL import Image
 
 from newmark_cli.library import testset
 from newmark_cli.mechanisms import registry
 from newmark_cli.report.drawing import draw, draw_mechanism
+from newmark_cli.study import csv_rows
 
 DOCS = Path(__file__).parents[1]
 PAGE, FIGURES = DOCS / "testset.md", DOCS / "figures"
@@ -26,6 +28,10 @@ PAGE, FIGURES = DOCS / "testset.md", DOCS / "figures"
 RESULTS = DOCS.parent / "benchmarks" / "testset" / "results"
 #: What stands before the blocks of the members.
 _BEGIN = "<!-- members: written by docs/site/testset.py -->\n"
+#: Coordinates that only say how a body in space has turned.
+_DIRECTOR = re.compile(r"\.d[123]\.[xyz]\]$")
+#: Values below it are rounding of zeros.
+_ZERO = 1e-16
 #: Of pictures: inches, dots per inch, colours.
 _SIZE, _DPI, _COLOURS = (4.5, 3.0), 110, 32
 #: Pixels of a figure of errors, from edge to edge.
@@ -38,7 +44,21 @@ def page(text: str) -> str:
     Args:
         text: The page as it is, whose beginning is written by hand.
     """
-    return text.partition(_BEGIN)[0] + _BEGIN + "".join(map(block, registry.TESTSET))
+    blocks = "".join(map(block, registry.TESTSET))
+    return text.partition(_BEGIN)[0] + _BEGIN + "\n" + lowest_errors() + blocks
+
+
+def lowest_errors() -> str:
+    """The lowest error of λ that each code reaches on each member; – where it always fails."""
+    found = pd.concat([pd.read_csv(path) for path in csv_rows.study_files(RESULTS)])
+    rows = found[(found["measure"] == "error") & (found["quantity"] == "lambda")]
+    codes = rows["code"].str.partition(",")[0]
+    least = rows.groupby([rows["problem"], codes])["last"].min().unstack()
+    lines = [f"| member | {' | '.join(least)} |", f"| --- {'| --- ' * least.shape[1]}|"]
+    for name, values in least.iterrows():
+        entries = ("–" if value != value else f"{value:.1e}" for value in values)
+        lines.append(f"| [`{name}`](#{name}) | {' | '.join(entries)} |")
+    return "\n".join(lines) + "\n"
 
 
 def block(name: str) -> str:
@@ -48,48 +68,42 @@ def block(name: str) -> str:
 
 def _lines(member: testset.Member) -> Iterator[str]:
     yield f"\n## {member.name}\n"
-    yield f"![{member.title}, at its start](figures/testset-{member.name}.png)\n"
+    yield f"![{member.name}, at its start](figures/testset-{member.name}.png)\n"
     errors = member.errors or {}
+    times = ", ".join(f"{t:g}" for t in member.times)
     stated = ", ".join(f"{sign} {errors[part]:.0e}" for part, sign in _SIGNS.items())
+    size = f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"
     for label, text in (
-        (member.title, member.description),
+        (member.title, f"{member.description}; {size}"),
         ("Tests", member.tests),
         ("Source", member.source),
-        ("Size", f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"),
-        ("Reference", f"at t = {', '.join(f'{t:g}' for t in member.times)} s; errors {stated}"),
-        ("Confirmed by", member.second),
+        ("Reference", f"at t = {times} s; errors {stated}; second method: {member.second}"),
         ("Published", member.published),
     ):
         yield f"- **{label}**: {text}."
     row = testset.references(member.name)[-1]
-    yield f"\nValues at t = {float(row['t']):g} s:\n"
-    yield "| | u | v |\n| --- | --- | --- |"
-    values = {key: f"{float(value):.12g}" for key, value in row.items()}
+    values = {key: _shown(value) for key, value in row.items()}
+    yield f"\n| t = {values['t']} s | u | v |\n| --- | --- | --- |"
     for key in values:
-        if key.startswith("u["):
-            yield f"| `{key[2:-1]}` | {values[key]} | {values['v' + key[1:]]} |"
-    rest = [key for key in values if key.startswith(("lambda[", "output["))]
-    yield "\n| λ, or output | |\n| --- | --- |"
-    for key in rest:
-        yield f"| `{key.partition('[')[2][:-1]}` | {values[key]} |"
-    yield f"\n![{member.title}, errors over h](figures/testset-{member.name}-errors.png)"
-    for table in _tables():
-        if table.startswith(f"{member.name}, "):
-            yield "\n" + table
+        pair = values[key], values.get("v" + key[1:])
+        if key.startswith("u[") and not _DIRECTOR.search(key) and pair != ("0", "0"):
+            yield f"| `{key[2:-1]}` | {pair[0]} | {pair[1]} |"
+    yield f"\n| t = {values['t']} s | λ, or output |\n| --- | --- |"
+    for key, value in values.items():
+        if key.startswith(("lambda[", "output[")) and value != "0":
+            yield f"| `{key.partition('[')[2][:-1]}` | {value} |"
+    yield f"\n![{member.name}, errors over h](figures/testset-{member.name}-errors.png)"
 
 
-@cache
-def _tables() -> list[str]:
-    """Tables of all studies of members, with their titles for first lines."""
-    studies = [f"testset-{name}" for name in registry.TESTSET]
-    parts = _told("tables", *studies).split("### ")[1:]
-    return [part.partition("\n\n- Entries")[0].strip() for part in parts]
+def _shown(value: str) -> str:
+    """Eight digits of a value; 0 where it is below the errors of all references."""
+    return "0" if abs(float(value)) < _ZERO else f"{float(value):.8g}"
 
 
-def _told(*words: str) -> str:
-    """What a command says about the results."""
+def _run(*words: str) -> None:
+    """Run a command on the results."""
     command = [sys.executable, "-m", "newmark_cli", *words, "--results", str(RESULTS)]
-    return subprocess.run(command, check=True, capture_output=True, encoding="utf-8").stdout
+    subprocess.run(command, check=True, capture_output=True)
 
 
 _SIGNS = {"u": "u", "v": "v", "lambda": "λ"}
@@ -106,7 +120,7 @@ def picture(name: str) -> bytes:
 
 def errors(name: str) -> bytes:
     """A small PNG of the errors of all codes with fixed steps."""
-    _told("plot", f"testset-{name}", "--size", "7")
+    _run("plot", f"testset-{name}", "--size", "7")
     figure = Image.open(RESULTS / "figures" / f"testset-{name}-errors.png").convert("RGB")
     return _small(figure.resize((_WIDTH, figure.height * _WIDTH // figure.width)))
 
