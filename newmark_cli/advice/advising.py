@@ -66,7 +66,7 @@ class Smallest:
     """The smallest tolerance that Newton can meet on one unknown.
 
     It is twice the predicted rms of the 2-norm of the last correction, at the worst of the
-    states.  Set three times as much: docs/advice.md says at how many steps each was met.
+    states.  Set three times as much: docs/verification.md says at how many steps each was met.
 
     Attributes:
         h: Step size (s).
