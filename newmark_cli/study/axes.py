@@ -10,6 +10,7 @@ that is not one of its names, stands in `newmark_cli.study.keys`.
 """
 
 import re
+from collections import namedtuple
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import cache, cached_property
@@ -399,12 +400,6 @@ def row_axes() -> tuple[Axis, ...]:
 
 
 @cache
-def _places() -> dict[str, int]:
-    """Axis → its place among the values of a `SeriesKey`."""
-    return {axis.name: place for place, axis in enumerate(series_axes())}
-
-
-@cache
 def series_axes() -> tuple[Axis, ...]:
     """Axes that tell series apart."""
     every = (STUDY, *cell_axes(), *row_axes(), INITIAL)
@@ -472,15 +467,17 @@ def values(case: Any) -> dict[str, tuple[Any, ...]]:
     return {axis.name: axis.values(case) for axis in cell_axes() if axis.cell}
 
 
-@dataclass(frozen=True)
-class SeriesKey:
-    """Labels that tell a series from all others; every axis of `series_axes` is an attribute.
+def _labels() -> Any:
+    return namedtuple("_Labels", [axis.name for axis in series_axes()])
 
-    Attributes:
-        values: In the order of `series_axes`; all spellings of one value are the same.
+
+class SeriesKey(_labels()):  # type: ignore[misc]
+    """Labels that tell a series from all others: every axis of `series_axes` is an attribute.
+
+    All spellings of one value are the same.
     """
 
-    values: tuple[str, ...]
+    __slots__ = ()
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> "SeriesKey":
@@ -497,25 +494,18 @@ class SeriesKey:
             else:
                 label = row[of.name] if of.usual is None else row.get(of.name, of.usual)
                 labels.append(of.same(str(label)))
-        return cls(tuple(labels))
-
-    def __getattr__(self, name: str) -> str:
-        place = None if name.startswith("_") else _places().get(name)
-        if place is None:
-            raise AttributeError(name)
-        value = self.__dict__[name] = self.values[place]  # found there the next time
-        return value
+        return cls(*labels)
 
     def named(self) -> dict[str, str]:
         """Axis → value."""
-        names = (axis.name for axis in series_axes())
-        return dict(zip(names, self.values, strict=True))
+        values: dict[str, str] = self._asdict()
+        return values
 
     def besides(self, *said: str) -> list[str]:
         """Values of the axes that neither go without saying nor are said already."""
         return [
             value
-            for axis, value in zip(series_axes(), self.values, strict=True)
+            for axis, value in zip(series_axes(), self, strict=True)
             if axis.name not in said and value and value != axis.usual
         ]
 

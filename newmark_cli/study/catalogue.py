@@ -9,7 +9,7 @@ from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
 from newmark_cli.newmark.integrator import INTEGRATORS
 from newmark_cli.newmark.scaling import VARIANTS
-from newmark_cli.study import config, shipped
+from newmark_cli.study import shipped
 from newmark_cli.study.measures import MEASURES
 from newmark_cli.support import documents
 
@@ -27,7 +27,7 @@ def sections() -> dict[str, dict[str, str]]:
         "multipliers": dict(REPORTED),
         "starts": dict(STARTS),
         "measures": {name: measure.about.replace("`", "") for name, measure in MEASURES.items()},
-        "configs": {name: _config(name) for name in config.shipped()},
+        "configs": {name: _config(name) for name in shipped.names()},
     }
 
 

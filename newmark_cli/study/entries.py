@@ -6,8 +6,8 @@ configs values are spelled as in CSVs.
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -87,12 +87,7 @@ def optional(kind: Any, about: str) -> tuple[Any, Any]:
 
 def chosen(axis: Axis) -> tuple[Any, Any]:
     """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
-    annotation = keys.annotation(axis)
-    # Of `OneOrMore[Item]`, or of `Item | None`.
-    inner = get_args(annotation)
-    item = (
-        get_args(inner[0])[0] if axis.many else next(part for part in inner if part is not NoneType)
-    )
+    item = keys.value_of(axis)
 
     def read(value: Any, parse: Callable[[Any], Any], info: ValidationInfo) -> str:
         if info.context is LABELLED:
@@ -504,16 +499,7 @@ def _is_of_the_past(entry: Any) -> bool:
     return any(isinstance(value, str) and value in RETIRED for value in values)
 
 
-def figures(config: Any) -> tuple[FigureConfig, ...]:
-    """Figures of a record or a shipped config; see `recorded`."""
-    return recorded(config, "figures")
-
-
-def tables(config: Any) -> tuple[TableConfig, ...]:
-    """Tables of a record or a shipped config; see `recorded`."""
-    return recorded(config, "tables")
-
-
-def expectations(config: Any) -> tuple[ExpectConfig, ...]:
-    """Expectations of a record or a shipped config; see `recorded`."""
-    return recorded(config, "expect")
+#: Entries of each key of a record or a shipped config; see `recorded`.
+figures: Callable[[Any], tuple[FigureConfig, ...]] = partial(recorded, key="figures")
+tables: Callable[[Any], tuple[TableConfig, ...]] = partial(recorded, key="tables")
+expectations: Callable[[Any], tuple[ExpectConfig, ...]] = partial(recorded, key="expect")

@@ -1,11 +1,10 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
@@ -18,33 +17,15 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli.newmark import steps
+from newmark_cli.newmark import formulation, integrator, scheme, steps
 from newmark_cli.newmark.forms import INDEX_3
-from newmark_cli.newmark.formulation import (
-    METHODS,
-    PROJECTIONS,
-    REPORTED,
-    Formulation,
-    Projection,
-)
-from newmark_cli.newmark.integrator import (
-    FIELDS,
-    INTEGRATORS,
-    TRAPEZOIDAL_NAME,
-    Integrator,
-    IntegratorError,
-    parameters,
-)
+from newmark_cli.newmark.formulation import Formulation, Projection
+from newmark_cli.newmark.integrator import FIELDS, Integrator
 from newmark_cli.newmark.kept import KEEPABLE, Kept
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
+from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
 from newmark_cli.newmark.own_integrator import NAMED, OwnIntegrator
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
-from newmark_cli.newmark.scheme import (
-    BY_FIELD,
-    CORRECTION,
-    RESIDUAL,
-    Tolerance,
-)
+from newmark_cli.newmark.scheme import Tolerance
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
 from newmark_cli.study import axes, own_classes
 from newmark_cli.study.axes import SATURATION
@@ -127,7 +108,7 @@ class MethodConfig(Valued):
     """A method and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     AXIS: ClassVar[Axis]
-    METHODS: ClassVar[Iterable[str]] = ()
+    METHODS: ClassVar[Mapping[str, Any]] = {}
     method: str
 
     @classmethod
@@ -177,9 +158,11 @@ class MethodConfig(Valued):
         values = self.model_dump(exclude={"method"}, exclude_none=True)
         return {name: float(value) for name, value in values.items()}
 
-    def _refuse_others(self, allowed: Collection[str], owners: Mapping[str, str]) -> None:
-        """Refuse parameters of other methods, by parameter and method in ``owners``."""
+    def _refuse_others(self, methods: Mapping[str, Collection[str]]) -> None:
+        """Refuse parameters of other methods, from method → its parameters."""
+        allowed = methods.get(self.method, ())
         has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
+        owners = {name: method for method in [*methods][::-1] for name in methods[method]}
         documents.together(
             misfit(
                 name,
@@ -205,10 +188,10 @@ class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     AXIS = axes.named("integrator")
-    METHODS = INTEGRATORS
+    METHODS = integrator.INTEGRATORS
     method: Annotated[
         str,
-        Known("method", INTEGRATORS),
+        Known("method", METHODS),
         WrapValidator(_or_own),
         Field(description="method, or `file.py:Class` of your own, which needs --allow-code"),
     ] = "newmark"
@@ -225,40 +208,41 @@ class IntegratorConfig(MethodConfig):
         """How a config gives a method."""
         method = method or "generalized-alpha"
         values = _EXAMPLES | _OF_METHOD.get(method, {})
-        return f"{{method: {method}{''.join(f', {n}: {values[n]:g}' for n in parameters(method))}}}"
+        given = (f", {name}: {values[name]:g}" for name in integrator.parameters(method))
+        return f"{{method: {method}{''.join(given)}}}"
 
     @model_validator(mode="before")
     @classmethod
     def _by_another_name(cls, data: Any) -> Any:
-        return {} if data == {"method": TRAPEZOIDAL_NAME} else data
+        return {} if data == {"method": integrator.TRAPEZOIDAL_NAME} else data
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
         """Also where the name of a method stands as a key."""
-        method = closest(key, INTEGRATORS)
+        method = closest(key, cls.METHODS)
         if method is not None:
             return f"unknown key; write {cls.example(method)}"
-        named = [method for method in INTEGRATORS if closest(key, parameters(method))]
+        named = [method for method in cls.METHODS if closest(key, integrator.parameters(method))]
         return f"{super().unknown_key(key)}; for example {cls.example(named[0] if named else '')}"
 
     @model_validator(mode="after")
     def _usable(self, info: ValidationInfo) -> "IntegratorConfig":
         if NAMED.fullmatch(self.method):
-            self._refuse_others((), dict.fromkeys(self.parameters(), "newmark"))
+            self._refuse_others({"newmark": tuple(self.parameters())})
             self._own = own_classes.loaded(self.method, info.context or Surroundings())
             if self._own.note:
                 warn(f"integrator {self.method}: {self._own.note}")
             return self
-        allowed, values = parameters(self.method), self.parameters()
-        owners = {name: method for method in [*INTEGRATORS][::-1] for name in parameters(method)}
-        self._refuse_others(allowed, owners)
+        allowed, values = integrator.parameters(self.method), self.parameters()
+        methods = {method: integrator.parameters(method) for method in self.METHODS}
+        self._refuse_others(methods)
         example = f"for example {self.example(self.method)}"
         try:
             note = self.value().note
         except TypeError:
             missing = [name for name in allowed if name not in values]
             raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
-        except IntegratorError as error:
+        except integrator.IntegratorError as error:
             raise misfit(str(error).split()[0], f"{error}; {example}") from None
         if note:
             warn(f"integrator {self.method}: {note}")
@@ -268,15 +252,15 @@ class IntegratorConfig(MethodConfig):
         """The core's value."""
         if self._own is not None:
             return self._own
-        integrator: Integrator = INTEGRATORS[self.method](**self.parameters())
-        return integrator
+        made: Integrator = integrator.INTEGRATORS[self.method](**self.parameters())
+        return made
 
 
 class FormulationConfig(MethodConfig):
     """Which constraint rows are solved: a mapping, or text such as ``baumgarte rate=100``."""
 
     AXIS = axes.named("formulation")
-    METHODS = METHODS
+    METHODS = formulation.METHODS
     method: Annotated[str, Known("formulation", METHODS)] = INDEX_3
     rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
     rate_h: Positive | None = Field(
@@ -293,8 +277,7 @@ class FormulationConfig(MethodConfig):
 
     @model_validator(mode="after")
     def _usable(self) -> "FormulationConfig":
-        owners = {name: method for method, kind in METHODS.items() for name in kind.parameters}
-        self._refuse_others(METHODS[self.method].parameters, owners)
+        self._refuse_others({name: kind.parameters for name, kind in self.METHODS.items()})
         if len(names := list(self.parameters())) > 1:
             raise misfit(names[-1], f"give either {' or '.join(names)}, not both")
         return self
@@ -308,8 +291,8 @@ class ProjectionConfig(MethodConfig):
     """What is projected after each step: a mapping, or text such as ``velocity``."""
 
     AXIS = axes.named("projection")
-    METHODS = PROJECTIONS
-    method: Annotated[str, Known("projection", PROJECTIONS)] = "none"
+    METHODS = formulation.PROJECTIONS
+    method: Annotated[str, Known("projection", METHODS)] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
     )
@@ -408,7 +391,7 @@ class StopConfig(Valued):
     by field on what a correction changes, each field with parts of its own.
     """
 
-    test: Annotated[str, Known("test", (CORRECTION, RESIDUAL))] | None = Field(
+    test: Annotated[str, Known("test", (scheme.CORRECTION, scheme.RESIDUAL))] | None = Field(
         None, description="what is looked at, if not single fields; default: correction"
     )
     absolute: Positive | None = Field(None, description="bound of what is looked at")
@@ -432,7 +415,7 @@ class StopConfig(Valued):
         limits: dict[str, Any] = {}
         of = limits
         for word in words:
-            if word.endswith(RESIDUAL):
+            if word.endswith(scheme.RESIDUAL):
                 limits["test"] = word
             elif word in (*FIELDS, "lambda"):
                 of = limits[word] = {}
@@ -461,7 +444,7 @@ class StopConfig(Valued):
             (name, limits.absolute or 0.0, limits.relative or 0.0)
             for name, limits in self._fields.items()
         )
-        test = BY_FIELD if fields else self.test or CORRECTION
+        test = scheme.BY_FIELD if fields else self.test or scheme.CORRECTION
         return Tolerance(self.absolute or 0.0, self.relative or 0.0, test, fields)
 
 
@@ -480,11 +463,6 @@ class KrylovConfig(Valued):
         return Krylov(self.tolerance, self.limit)
 
 
-_StopOrText = Annotated[
-    StopConfig, Shown(lambda schema, handler: {"anyOf": [handler(schema), {"type": "string"}]})
-]
-
-
 def _preconditioning(value: Any) -> Any:
     if isinstance(value, str) and value.endswith("]"):  # as CSVs have a scaling of one's own
         own = Preconditioning.parse(value)
@@ -494,14 +472,6 @@ def _preconditioning(value: Any) -> Any:
     if not isinstance(value, str) or value not in VARIANTS:
         raise unknown("preconditioning", value, VARIANTS)
     return value
-
-
-def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
-    if AUTO in solvers and {DENSE, SPARSE, STATIC} & set(solvers):
-        raise ValueError(
-            f"{AUTO} stands for {DENSE}, {STATIC} or {SPARSE}, which is then given twice"
-        )
-    return solvers
 
 
 class TrajectoryConfig(Valued):
@@ -552,29 +522,27 @@ class ErrorConfig(Valued):
         return Window() if self.over == "motion" else Window(*map(float, self.over))
 
 
-#: Key of a case → what a config may give, where that is not a name, or a list of names.
-_GIVEN: Mapping[str, Any] = {
-    "problem": OneOrMore[
-        Annotated[Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)]
+#: Key of a case → one of its values along an axis, or a setting, where that is not a name.
+_VALUES: Mapping[str, Any] = {
+    "problem": Annotated[
+        Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)
     ],
-    "integrator": OneOrMore[IntegratorConfig],
-    "preconditioning": OneOrMore[Annotated[Any, BeforeValidator(_preconditioning)]],
-    "linear_solver": Annotated[
-        OneOrMore[Annotated[str, Known("linear solver", LINEAR_SOLVERS)]],
-        AfterValidator(_auto_alone),
-    ],
-    "formulation": OneOrMore[FormulationConfig],
-    "projection": OneOrMore[ProjectionConfig],
-    "multipliers": OneOrMore[
-        Annotated[str, Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
+    "integrator": IntegratorConfig,
+    "preconditioning": Annotated[Any, BeforeValidator(_preconditioning)],
+    "linear_solver": Annotated[str, Known("linear solver", LINEAR_SOLVERS)],
+    "formulation": FormulationConfig,
+    "projection": ProjectionConfig,
+    "multipliers": Annotated[
+        str, Known("multipliers", (AUTO, *formulation.REPORTED), axes.named("multipliers"))
     ],
     "stop": Annotated[
-        _StopOrText | None, BeforeValidator(lambda value: None if value == SATURATION else value)
-    ],
-    "h_sequence": OneOrMore[SequenceConfig],
-    # As choices have them; a case gives `newmark_cli.study.other_codes.Codes`.
-    "code": OneOrMore[OneLine],
-    "h": OneOrMore[Positive],
+        StopConfig, Shown(lambda schema, handler: {"anyOf": [handler(schema), {"type": "string"}]})
+    ]
+    | None,
+    "h_sequence": SequenceConfig,
+    # As choices have it; a case gives `newmark_cli.study.other_codes.Codes`.
+    "code": OneLine,
+    "h": Positive,
     "t_end": Positive | None,
     "steps": StepCount | None,
     "measure": OneOrMore[Annotated[str, Known("measure", MEASURES)]],
@@ -588,7 +556,14 @@ _GIVEN: Mapping[str, Any] = {
 }
 
 
+def value_of(axis: Axis) -> Any:
+    """One value along an axis, or a setting, as a config may give it, for pydantic."""
+    return _VALUES.get(axis.name, Annotated[str, Known(axis.title, axis.names, axis)])
+
+
 def annotation(axis: Axis) -> Any:
     """What a config may give along an axis, for pydantic."""
-    of_names = OneOrMore[Annotated[str, Known(axis.title, axis.names, axis)]]
-    return _GIVEN.get(axis.name, of_names)
+    if axis.name == "stop":
+        usual = BeforeValidator(lambda value: None if value == SATURATION else value)
+        return Annotated[value_of(axis), usual]
+    return OneOrMore[value_of(axis)] if axis.many else value_of(axis)  # type: ignore[misc]

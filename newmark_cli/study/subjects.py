@@ -9,20 +9,10 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationInfo
 
-from newmark_cli.mechanisms import loading, tables_beside
+from newmark_cli.mechanisms import loading, spec, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spec import (
-    ForcedMechanism,
-    MechanismFile,
-    ProblemSpec,
-    PythonFactory,
-    Shipped,
-    Sized,
-    inline,
-    name_and_arguments,
-    with_ending,
-)
+from newmark_cli.mechanisms.spec import ProblemSpec
 from newmark_cli.study.kinds import unknown
 from newmark_cli.support import documents
 from newmark_cli.support.documents import misfit
@@ -58,7 +48,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
     if isinstance(value, str):
         value = _labelled(value, around)
     if loading.is_mechanism(value):
-        return _read_once(repr(value), "", partial(inline, value), around)
+        return _read_once(repr(value), "", partial(spec.inline, value), around)
     if isinstance(value, dict) and "python" in value:
         return _python_problem(value, around)
     if isinstance(value, dict):
@@ -70,7 +60,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         # As a mapping, so that a mistake is found under the family's name.
         sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
         check: TypeAdapter[Any] = TypeAdapter(sizes)
-        return Sized(family, tuple(check.validate_python(value)[family]))
+        return spec.Sized(family, tuple(check.validate_python(value)[family]))
     if isinstance(value, str) and value in FAMILIES:
         sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
@@ -80,25 +70,25 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         return _read_once(value, loading.label(value), read, around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise unknown("problem", value, (*PROBLEMS, *FAMILIES))
-    return Shipped(value)
+    return spec.Shipped(value)
 
 
 def _labelled(text: str, around: Surroundings) -> Any:
     """What a label stands for, ``chain(links=20)`` or the name of a file without its ending."""
-    name, arguments = name_and_arguments(text)
+    name, arguments = spec.name_and_arguments(text)
     if re.fullmatch(r".+\.py:\w+", name):
         return {"python": name, "args": arguments}
     if name in FAMILIES and arguments:
         return {name: arguments}
-    return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
+    return text if text in (*PROBLEMS, *FAMILIES) else spec.with_ending(text, around.folder)
 
 
 def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
     """What a mechanism file says now."""
     file = tables_beside.fetch(path, name)
     if around.allow_code and _has_code(file):
-        return ForcedMechanism(file, path).read(around.timeout)
-    mechanism = MechanismFile(file)
+        return spec.ForcedMechanism(file, path).read(around.timeout)
+    mechanism = spec.MechanismFile(file)
     mechanism.load()
     return mechanism
 
@@ -126,8 +116,8 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
     if not around.allow_code:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
-    spec = PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
-    return _read_once(spec, spec.label, partial(spec.read, around.timeout), around)
+    made = spec.PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
+    return _read_once(made, made.label, partial(made.read, around.timeout), around)
 
 
 def _read_once(
