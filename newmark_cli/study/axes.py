@@ -17,28 +17,11 @@ from functools import cache, cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from newmark_cli.newmark import formulation as formulations
+from newmark_cli.newmark import integrator as integrators
 from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import (
-    CONSISTENT,
-    CONSTRAINTS,
-    METHODS,
-    NEWTON,
-    PROJECTIONS,
-    REPORTED,
-    STARTS,
-    UNPROJECTED,
-    Formulation,
-    Projection,
-    is_formulated,
-    reported,
-)
-from newmark_cli.newmark.integrator import (
-    AUXILIARY,
-    INTEGRATORS,
-    RESCALE_VELOCITY,
-    TRAPEZOIDAL_NAME,
-    Integrator,
-)
+from newmark_cli.newmark.formulation import Formulation, Projection
+from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.integrator_labels import plain_label
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
@@ -88,7 +71,7 @@ class Cell:
     integrator: Integrator = axis(
         usual=TRAPEZOIDAL,
         since=(0, 1),
-        names=(*INTEGRATORS, TRAPEZOIDAL_NAME),
+        names=(*integrators.INTEGRATORS, integrators.TRAPEZOIDAL_NAME),
         text=integrator_text,
         plain=plain_label,
         also=lambda label: label.split()[:1],
@@ -143,16 +126,16 @@ class Cell:
         "the start",
     )
     formulation: Formulation = axis(
-        initial=CONSTRAINTS,
+        initial=formulations.CONSTRAINTS,
         since=(4, 4),
-        names=METHODS,
+        names=formulations.METHODS,
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
     projection: Projection = axis(
-        initial=UNPROJECTED,
+        initial=formulations.UNPROJECTED,
         since=(4, 4),
-        names=PROJECTIONS,
+        names=formulations.PROJECTIONS,
         text=projection_text,
         plain=lambda text: (
             text.replace("no projection", "none").replace(" projection", "").replace(" with ", " ")
@@ -162,19 +145,19 @@ class Cell:
     )
     multipliers: str = axis(
         write=lambda cell: cell.reported,
-        usual=NEWTON,
+        usual=formulations.NEWTON,
         initial=AUTO,
         since=(4, 4),
-        names=REPORTED,
+        names=formulations.REPORTED,
         text=lambda label: MULTIPLIERS.get(label, label),
         also=lambda label: (AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
     )
     start: str = axis(
-        initial=CONSISTENT,
+        initial=formulations.CONSISTENT,
         since=(4, 4),
-        names=STARTS,
+        names=formulations.STARTS,
         text=lambda label: f"{label} start",
         about="velocities that the march starts from",
     )
@@ -203,10 +186,10 @@ class Cell:
         "`alternate 1.0 0.5 every 5`, `random 0.5 2.0 seed 1`, all in multiples of `h`",
     )
     auxiliary: str = axis(
-        initial=RESCALE_VELOCITY,
+        initial=integrators.RESCALE_VELOCITY,
         since=(6, 4),
         rare=True,
-        names=AUXILIARY,
+        names=integrators.AUXILIARY,
         about="what becomes of the integrator's past where the step size changes",
     )
     code: "OtherCode | str" = axis(
@@ -304,7 +287,7 @@ class Cell:
     @property
     def reported(self) -> str:
         """Which multipliers are reported."""
-        return reported(self.multipliers, self.projection)
+        return formulations.reported(self.multipliers, self.projection)
 
     @property
     def formulated(self) -> Form:
@@ -314,7 +297,7 @@ class Cell:
     @property
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
-        formulated = is_formulated(self.formulation, self.projection)
+        formulated = formulations.is_formulated(self.formulation, self.projection)
         return choose(
             self.linear_solver, self.problem.load(), self.formulated, formulated, self.precision
         )
@@ -334,40 +317,33 @@ class Cell:
         return max(self.steps, 1) * (1 + self.twins)
 
 
+def _of_row(title: str = "", **rest: Any) -> Any:
+    return axis(title, **{"since": (0, 0), "cell": False, "computed": False, **rest})
+
+
 @dataclass(frozen=True)
 class RowAxes:
     """Axes that tell the rows of one cell apart; the attributes of a `Measurement`."""
 
-    quantity: str = axis(
-        since=(0, 0),
-        cell=False,
-        computed=False,
+    quantity: str = _of_row(
         text=lambda name: SYMBOLS.get(name, name),
         shows="what the row is about: `u`, `v`, `a`, `lambda`, `eta`, `jacobian`, `newton`, or the "
         "name of an invariant or an output",
     )
-    measure: str = axis(
-        since=(0, 0),
-        cell=False,
-        computed=False,
+    measure: str = _of_row(
         text=measure_text,
         also=lambda record: GIVEN_BY.get(record, ()),
         shows="what was measured, see the measures",
     )
-    role: str = axis(
-        since=(0, 0),
+    role: str = _of_row(
         series=False,
-        cell=False,
-        computed=False,
         shows="`primary`: an unknown; `recovered`: an eliminated field, whose correction follows "
         "by the form's weights",
     )
-    row_block: str = axis(
+    row_block: str = _of_row(
         "row block",
         usual="",
         since=(1, 1),
-        cell=False,
-        computed=False,
         initial="",
         text=lambda row: f"row {row} perturbed",
         shows="perturbed row `D`, `V`, `K` or `C` of a sensitivity; empty otherwise",

@@ -255,22 +255,22 @@ class _Rules(documents.RuledModel):
         """Cells in the order of the CSV."""
         values = axes.values(self)
         first = {name: of[0] for name, of in values.items()}
+        settings = {of.name: getattr(self, of.name) for of in axes.cell_axes() if not of.cell}
         for at in axes.grid(values):
             if not other_codes.counts(at, first):
                 continue
             h, steps = at["h"], self.steps
             if steps is None:
                 steps = steps_until(self.t_end, h, at["h_sequence"])
-            yield Cell(
-                **at,
-                t_end=self.t_end if self.t_end is not None else steps * h,
-                steps=steps,
-                krylov=self.krylov.value() if at["linear_solver"] == GMRES else None,
-                trajectory=self.kept,
-                error=self.error.value() if self.error is not None else None,
-                twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
-                **{name: getattr(self, name) for name in _AS_GIVEN},
-            )
+            marched = {
+                "t_end": self.t_end if self.t_end is not None else steps * h,
+                "steps": steps,
+                "krylov": self.krylov.value() if at["linear_solver"] == GMRES else None,
+                "trajectory": self.kept,
+                "error": self.error.value() if self.error is not None else None,
+                "twins": self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
+            }
+            yield Cell(**settings | at | marched)
 
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
@@ -290,13 +290,6 @@ else:
         __doc__="A full grid: every problem, form, scaling and step size with every other.",
         **{axis.name: _field(axis) for axis in axes.cell_axes()},
     )
-#: Settings that a cell has as its case has them.
-_AS_GIVEN = [
-    axis.name
-    for axis in axes.cell_axes()
-    if not axis.cell
-    and axis.name not in ("t_end", "steps", "krylov", "trajectory", "error", "twins")
-]
 
 
 class Study(documents.StrictModel):

@@ -168,12 +168,9 @@ def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
 
     Records of older versions have both in one.
     """
-    of_run, of_results = run.get("cells"), record.get("cells")
-    if not (isinstance(of_run, list) and isinstance(of_results, list)):
-        return dict(record)
-    if run.get("sha256") != record.get("sha256") or len(of_run) != len(of_results):
-        return dict(record)
-    if not all(isinstance(cell, dict) for cell in (*of_run, *of_results)):
+    of_run, of_results = csv_rows.listed(run, "cells"), csv_rows.listed(record, "cells")
+    same = 0 < len(of_run) == len(of_results) and run.get("sha256") == record.get("sha256")
+    if not (same and all(isinstance(cell, dict) for cell in (*of_run, *of_results))):
         return dict(record)
     cells = [{**result, **of_cell} for result, of_cell in zip(of_results, of_run, strict=True)]
     return {**run, **record, "cells": cells}

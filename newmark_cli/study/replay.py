@@ -126,39 +126,25 @@ def measured(
         measure, _, quantity = name.partition(" ")
         row = Measurement(name, measure, "primary", statistics(np.abs(values).max(axis=1)))
         if len(spread) > 1:
-            row = with_rounding(row, spread, _unresolved(measure, quantity, reference))
+            # What is printed of u and v is rounded itself, however well our own march meets it.
+            unsure = _EPS if measure == "invariant" else observers.error_of(reference, quantity)
+            row = with_rounding(row, spread, unsure)
         rows.setdefault(measure, []).append(replace(row, quantity=quantity))
     counts = run.numbers.get("iterations", np.zeros(0))
     counts = counts[counts > 0]
+    given = {*wanted, *([window.record] if window else [])}
     trajectory: Mapping[str, Any] = {}
     if "trajectory" in wanted:
         kept = cell.trajectory or Kept()
         recorded = _kept_of(run, kept, cell)
         trajectory, rows["trajectory"] = observers.over_time(problem, kept, recorded)
     return Outcome(
-        measurements=[
-            row
-            for name in wanted
-            for record in _records(name, window)
-            for row in rows.get(record, [])
-        ],
+        measurements=[row for name, of in rows.items() if name in given for row in of],
         not_converged=0,
         newton_iterations=float(np.mean(counts)) if len(counts) else np.nan,
         status="ok",
         trajectory=trajectory,
     )
-
-
-def _records(measure: str, window: Window | None) -> list[str]:
-    return [measure, window.record] if window and measure == "error" else [measure]
-
-
-def _unresolved(measure: str, quantity: str, reference: Reference | None) -> float:
-    """By how much what a quantity deviates from may be off itself."""
-    if measure == "invariant":
-        # What is printed of u and v is rounded itself, however well our own march meets it.
-        return _EPS
-    return observers.error_of(reference, quantity)
 
 
 def _kept_of(run: Run, kept: Kept, cell: Cell) -> Trajectory:

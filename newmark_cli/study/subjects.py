@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -24,19 +25,13 @@ _LONGEST_LABEL = 2_000
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Context on which a config's meaning depends besides its text.
+    """Context on which a config's meaning depends besides its text."""
 
-    Attributes:
-        folder: Where files that it names are looked for.
-        allow_code: Whether problems in Python may be loaded.
-        timeout: Most wall time of loading one (s).
-        problems: Those of the document that were read, by how it names them, None for one
-            whose mistakes are reported already: what their files said then holds for all of it.
-    """
-
-    folder: Path = Path()
-    allow_code: bool = False
-    timeout: float | None = None
+    folder: Path = Path()  #: where files that it names are looked for
+    allow_code: bool = False  #: whether problems in Python may be loaded
+    timeout: float | None = None  #: most wall time of loading one (s)
+    #: those of the document that were read, by how it names them, None for one whose mistakes are
+    #: reported already: what their files said then holds for all of it
     problems: dict[Hashable, ProblemSpec | None] = field(default_factory=dict, compare=False)
 
 
@@ -85,20 +80,14 @@ def _labelled(text: str, around: Surroundings) -> Any:
 
 def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
     """What a mechanism file says now."""
-    file = tables_beside.fetch(path, name)
-    if around.allow_code and _has_code(file):
+    file, with_code = tables_beside.fetch(path, name), False
+    with suppress(InputError):  # what is wrong with it is told later
+        with_code = around.allow_code and loading.has_code(file.document().data)
+    if with_code:
         return spec.ForcedMechanism(file, path).read(around.timeout)
     mechanism = spec.MechanismFile(file)
     mechanism.load()
     return mechanism
-
-
-def _has_code(file: documents.File) -> bool:
-    """Whether a mechanism file names forces in Python; what is wrong with it is told later."""
-    try:
-        return loading.has_code(file.document().data)
-    except InputError:
-        return False
 
 
 def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:

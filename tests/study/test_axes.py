@@ -161,16 +161,11 @@ MappingProxyType = lambda table: {**table, "speed": _Speed}
     ),
     (
         "newmark_cli.study.csv_files",
-        "_AXES = (\n",
+        "AXES = (\n",
         """\
-MEASURED = (
-    *MEASURED,
-    Column(
-        "spread", "largest value over the median", since=6,
-        value=lambda outcome, found: found and found.max / found.median,
-    ),
-)
-_AXES = (
+Statistics.spread = property(lambda found: found.max / found.median)
+MEASURED = (*MEASURED, Column("spread", "largest value over the median", since=6))
+AXES = (
 """,
     ),
 ]
