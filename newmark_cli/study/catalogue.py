@@ -27,7 +27,9 @@ def sections() -> dict[str, dict[str, str]]:
         "multipliers": dict(REPORTED),
         "starts": dict(STARTS),
         "measures": {name: measure.about.replace("`", "") for name, measure in MEASURES.items()},
-        "configs": {name: _config(name) for name in shipped.names()},
+        "configs": {
+            name: str(config.get("description", "")) for name, config in shipped.configs().items()
+        },
     }
 
 
@@ -47,8 +49,3 @@ def _form(form: Form) -> str:
     if form.eliminated:
         text += f"; {' and '.join(form.eliminated)} eliminated"
     return text + ("" if form.in_paper else "; not in the paper")
-
-
-def _config(name: str) -> str:
-    data = documents.read(shipped.folder() / f"{name}.yaml").data
-    return str(data.get("description", ""))

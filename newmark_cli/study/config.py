@@ -307,9 +307,7 @@ class Study(documents.StrictModel):
         None, description="slopes and levels that `check` asserts besides the predicted orders"
     )
     cases: tuple[Case, ...]
-    #: The file, and the line of each expectation in it; empty for a study without a file.
     _expected_at: tuple[str, tuple[int, ...]] = PrivateAttr(("", ()))
-    #: Its file, resolved; the bare name of a shipped study; empty for a study without a file.
     _origin: str = PrivateAttr("")
 
     @property

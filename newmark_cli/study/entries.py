@@ -95,12 +95,14 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
                 raise ValueError(f"not a label: {value!r}")
             return axis.same(value)
         try:
-            return _label(axis, axis.value(parse(value)))
+            given = axis.value(parse(value))
         except ValidationError:
             # A file by its label, a scaling of one's own by its name, a test as the CSV has it.
             if axis.name in ("problem", "preconditioning", "stop") and isinstance(value, str):
                 return axis.same(value)
             raise
+        # As the CSV has it, where it does not depend on other axes.
+        return axis.same(str(axis.usual if given is None else label(given)))
 
     def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         of_item = handler(schema)
@@ -111,11 +113,6 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
     ]
     about = f"{axis.title} of the series, as in a case or as in the CSV; any when omitted"
     return optional(values, about)
-
-
-def _label(axis: Axis, value: Any) -> str:
-    """A value of a cell as the CSV has it, where it does not depend on other axes."""
-    return axis.same(str(axis.usual if value is None else label(value)))
 
 
 def _series_keys() -> dict[str, Any]:

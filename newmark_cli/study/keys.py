@@ -1,6 +1,6 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -22,7 +22,7 @@ from newmark_cli.newmark.forms import INDEX_3
 from newmark_cli.newmark.formulation import Formulation, Projection
 from newmark_cli.newmark.integrator import FIELDS, Integrator
 from newmark_cli.newmark.kept import KEEPABLE, Kept
-from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
+from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.own_integrator import NAMED, OwnIntegrator
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import Tolerance
@@ -46,13 +46,13 @@ from newmark_cli.study.kinds import (
 from newmark_cli.study.measures import MEASURES
 from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
-from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
+from newmark_cli.support.documents import WHOLE, Document, Number, RuledModel, StrictModel, misfit
 from newmark_cli.support.errors import warn
 from newmark_cli.support.json_schema import JsonSchema, Shown
 from newmark_cli.support.spelling import closest
 
 
-class Valued(StrictModel):
+class Valued(RuledModel):
     """Keys that stand for a value of the core."""
 
     def value(self) -> Any:
@@ -63,12 +63,12 @@ class Valued(StrictModel):
 Value = TypeVar("Value", bound=Valued)
 
 
-def read(name: str, value: Any, model: type[Value]) -> Any:
+def read(name: str, value: Any, model: type[Value], around: Surroundings | None = None) -> Any:
     """The core's value of what a command line, or a function of the library, is given.
 
     The model is that of the config's key, and errors are those of a config, under the name.
     """
-    return documents.validate(Document.of(name, value), model).value()
+    return documents.validate(Document.of(name, value), model, context=around).value()
 
 
 class OwnScaling(Valued):
@@ -82,11 +82,9 @@ class OwnScaling(Valued):
         {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
     )
 
-    @model_validator(mode="after")
-    def _not_a_variant(self) -> "OwnScaling":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.name in VARIANTS:
-            raise misfit("name", f"{self.name!r} is a variant of the paper; take another name")
-        return self
+            yield misfit("name", f"{self.name!r} is a variant of the paper; take another name")
 
     def value(self) -> Preconditioning:
         """The core's value."""
@@ -158,20 +156,18 @@ class MethodConfig(Valued):
         values = self.model_dump(exclude={"method"}, exclude_none=True)
         return {name: float(value) for name, value in values.items()}
 
-    def _refuse_others(self, methods: Mapping[str, Collection[str]]) -> None:
-        """Refuse parameters of other methods, from method → its parameters."""
+    def _of_others(self, methods: Mapping[str, Collection[str]]) -> Iterator[PydanticCustomError]:
+        """Misfits of parameters of other methods, from method → its parameters."""
         allowed = methods.get(self.method, ())
         has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
         owners = {name: method for method in [*methods][::-1] for name in methods[method]}
-        documents.together(
-            misfit(
-                name,
-                f"is not a parameter of {self.method}, which {has}; it belongs to "
-                f"{owners[name]}: {self.example(owners[name])}",
-            )
-            for name in self.parameters()
-            if name not in allowed
-        )
+        for name in self.parameters():
+            if name not in allowed:
+                yield misfit(
+                    name,
+                    f"is not a parameter of {self.method}, which {has}; it belongs to "
+                    f"{owners[name]}: {self.example(owners[name])}",
+                )
 
     @property
     def label(self) -> str:
@@ -228,14 +224,14 @@ class IntegratorConfig(MethodConfig):
     @model_validator(mode="after")
     def _usable(self, info: ValidationInfo) -> "IntegratorConfig":
         if NAMED.fullmatch(self.method):
-            self._refuse_others({"newmark": tuple(self.parameters())})
+            documents.together(self._of_others({"newmark": tuple(self.parameters())}))
             self._own = own_classes.loaded(self.method, info.context or Surroundings())
             if self._own.note:
                 warn(f"integrator {self.method}: {self._own.note}")
             return self
         allowed, values = integrator.parameters(self.method), self.parameters()
         methods = {method: integrator.parameters(method) for method in self.METHODS}
-        self._refuse_others(methods)
+        documents.together(self._of_others(methods))
         example = f"for example {self.example(self.method)}"
         try:
             note = self.value().note
@@ -275,12 +271,10 @@ class FormulationConfig(MethodConfig):
         None, description="penalty of augmented-lagrangian itself, in place of factor"
     )
 
-    @model_validator(mode="after")
-    def _usable(self) -> "FormulationConfig":
-        self._refuse_others({name: kind.parameters for name, kind in self.METHODS.items()})
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        yield from self._of_others({name: of.parameters for name, of in self.METHODS.items()})
         if len(names := list(self.parameters())) > 1:
-            raise misfit(names[-1], f"give either {' or '.join(names)}, not both")
-        return self
+            yield misfit(names[-1], f"give either {' or '.join(names)}, not both")
 
     def value(self) -> Formulation:
         """The core's value."""
@@ -297,11 +291,9 @@ class ProjectionConfig(MethodConfig):
         False, description="also replace v' by that of the index-1 system, and change a alike"
     )
 
-    @model_validator(mode="after")
-    def _usable(self) -> "ProjectionConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.accelerations and self.method == "none":
-            raise misfit("accelerations", "needs a projection of velocities, given method none")
-        return self
+            yield misfit("accelerations", "needs a projection of velocities, given method none")
 
     def value(self) -> Projection:
         """The core's value."""
@@ -336,8 +328,7 @@ class SequenceConfig(Valued):
         except SequenceError as error:
             raise PydanticCustomError("sequence", "{message}", {"message": str(error)}) from None
 
-    @model_validator(mode="after")
-    def _usable(self) -> "SequenceConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         given = self.model_dump(exclude_none=True)
         kinds = [kind for kind in SEQUENCES if kind in type(self).model_fields]
         chosen = [kind for kind in kinds if kind in given]
@@ -346,17 +337,18 @@ class SequenceConfig(Valued):
             raise ValueError(f"needs one of {listed}, given {', '.join(sorted(given))}")
         for kind in chosen:
             parts = {part.name: part.default for part in fields(SEQUENCES[kind])}
-            if others := sorted(given.keys() - parts):
-                raise misfit(others[0], f"does not belong to {kind}")
+            others = sorted(given.keys() - parts)
             missing = [name for name in parts if parts[name] is MISSING and name not in given]
-            if missing:
-                raise misfit(kind, f"needs {missing[0]}")
-        try:
-            self.value()
-        except SequenceError as error:
-            name, _, why = str(error).partition(": ")
-            raise misfit(name, why) from None
-        return self
+            try:
+                if others:
+                    yield misfit(others[0], f"does not belong to {kind}")
+                elif missing:
+                    yield misfit(kind, f"needs {missing[0]}")
+                else:
+                    self.value()
+            except SequenceError as error:
+                name, _, why = str(error).partition(": ")
+                yield misfit(name, why)
 
     def value(self) -> StepSequence:
         """The core's value."""
@@ -429,14 +421,12 @@ class StopConfig(Valued):
         named = zip((*FIELDS, "lambda"), (self.u, self.v, self.a, self.lambda_), strict=True)
         return {name: limits for name, limits in named if limits is not None}
 
-    @model_validator(mode="after")
-    def _given(self) -> "StopConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         keys = [key for key in ("test", "absolute", "relative") if getattr(self, key) is not None]
         if self._fields and keys:
-            raise misfit(keys[0], "not with fields, which have their own limits")
+            yield misfit(keys[0], "not with fields, which have their own limits")
         if not self._fields and self.absolute is None and self.relative is None:
             raise ValueError("needs absolute or relative")
-        return self
 
     def value(self) -> Tolerance:
         """The core's value."""
@@ -490,11 +480,9 @@ class TrajectoryConfig(Valued):
         "are missed; default: all but drift",
     )
 
-    @model_validator(mode="after")
-    def _consistent(self) -> "TrajectoryConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.every is not None and self.at is not None:
-            raise misfit("at", "give either every or at, not both")
-        return self
+            yield misfit("at", "give either every or at, not both")
 
     def value(self) -> Kept:
         """The core's value."""
@@ -509,13 +497,11 @@ class ErrorConfig(Valued):
         description="motion: from the start to t_end; or from a time to a later one, [t0, t1] (s)"
     )
 
-    @model_validator(mode="after")
-    def _ascends(self) -> "ErrorConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.over != "motion" and not 0 <= self.over[0] < self.over[1]:
             since, until = self.over
             text = f"must be [t0, t1] with 0 ≤ t0 < t1, given [{since:g}, {until:g}]"
-            raise misfit("over", text)
-        return self
+            yield misfit("over", text)
 
     def value(self) -> Window:
         """The core's value."""
@@ -529,7 +515,6 @@ _VALUES: Mapping[str, Any] = {
     ],
     "integrator": IntegratorConfig,
     "preconditioning": Annotated[Any, BeforeValidator(_preconditioning)],
-    "linear_solver": Annotated[str, Known("linear solver", LINEAR_SOLVERS)],
     "formulation": FormulationConfig,
     "projection": ProjectionConfig,
     "multipliers": Annotated[

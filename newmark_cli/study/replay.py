@@ -16,17 +16,16 @@ from newmark_cli.codes.misfits import misfits_at
 from newmark_cli.codes.programs import CodeError, RunRequest
 from newmark_cli.codes.reading import Run
 from newmark_cli.newmark.kept import KEPT, Kept
-from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.statistics import Measurement, statistics
 from newmark_cli.newmark.trajectory import Recorder, Trajectory
-from newmark_cli.newmark.twins import last_places_off, twins
+from newmark_cli.newmark.twins import last_places_off
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study import observers
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome, Window
-from newmark_cli.study.compute import scheme_of, with_rounding
+from newmark_cli.study.compute import march_of, twins_of, with_rounding
 from newmark_cli.study.observers import Deviations
 from newmark_cli.support.arrays import Array
 
@@ -239,11 +238,8 @@ def of_march(cell: Cell, times: Array) -> list[Run]:
 
     Empty where one of them does not arrive there.
     """
-    problem, scheme = cell.problem.load(), scheme_of(cell)
-    grid = cell.grid(problem.t0)
-    looks = Kept(at=tuple(float(t) for t in times)).looks(grid, cell.steps)
-    marches = [March(problem, scheme, cell.solver, cell.krylov, grid=grid)]
-    marches += twins(problem, scheme, _TWINS, cell.solver, cell.krylov, grid)
+    marches = [march_of(cell), *twins_of(cell, _TWINS)]
+    looks = Kept(at=tuple(float(t) for t in times)).looks(marches[0].grid, cell.steps)
     runs = []
     for march in marches:
         recorder, converged = Recorder(march, ("u", "v", "lambda")), True
@@ -256,6 +252,6 @@ def of_march(cell: Cell, times: Array) -> list[Run]:
         arrived = march.ending == COMPLETED and converged
         if not arrived or len(kept.t) < len(np.unique(times)):
             return []
-        state = observers.parts(problem, kept.t, kept.u, kept.v, kept.multipliers)
+        state = observers.parts(march.problem, kept.t, kept.u, kept.v, kept.multipliers)
         runs.append(Run("", cell.h, 0, kept.t, state, {}))
     return runs
