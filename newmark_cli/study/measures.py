@@ -148,7 +148,6 @@ class Measure:
     solvers: tuple[str, ...] = ()  #: linear solvers that it is about; any when empty
     #: whether it is taken at t_end, which must then be a whole number of steps
     at_end: bool = False
-    reference: bool = False  #: whether it needs the solution at the end
     twins: bool = False  #: whether twins of the march tell the rounding of its rows
 
 
@@ -372,7 +371,6 @@ _MEASURES = (
             _over_motion(WINDOWED, "in a window", since_start=False),
         ),
         at_end=True,
-        reference=True,
         twins=True,
     ),
     Measure(
