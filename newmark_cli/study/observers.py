@@ -111,18 +111,6 @@ class _Sampler(Observer):
         raise NotImplementedError
 
 
-def _rows_of_corrections(scheme: Scheme) -> list[tuple[str, str, str]]:
-    """Measure, quantity and role of each row that a march has of its corrections."""
-    form, roles = scheme.form, dict.fromkeys(scheme.form.eliminated, "recovered")
-    return [
-        *(("correction", unknown, "primary") for unknown in form.unknowns),
-        *(
-            ("physical_correction", quantity, roles.get(quantity, "primary"))
-            for quantity in (*FIELDS, *form.multipliers)
-        ),
-    ]
-
-
 class _Corrections(Observer):
     """The last decreasing corrections of each step."""
 
@@ -184,14 +172,18 @@ def corrections(
     did not converge and are left out.
     """
     physical = physical_norms(scheme, norms) if physical is None else physical
-    counted = iterations > 0
+    form, counted = scheme.form, iterations > 0
     scaled = dict(zip(scheme.recorded, norms.T, strict=True))
-    rows = []
-    for measure, quantity, role in _rows_of_corrections(scheme):
-        values = (scaled if measure == "correction" else physical)[quantity][counted]
-        of_steps = replace(statistics(values), rounding=standard_error(values))
-        rows.append(Measurement(quantity, measure, role, of_steps))
-    return rows
+    rows = [("correction", unknown, scaled[unknown]) for unknown in form.unknowns]
+    physical_rows = (*FIELDS, *form.multipliers)
+    rows += [("physical_correction", quantity, physical[quantity]) for quantity in physical_rows]
+    measurements = []
+    for measure, quantity, values in rows:
+        kept = values[counted]
+        of_steps = replace(statistics(kept), rounding=standard_error(kept))
+        role = "recovered" if quantity in form.eliminated else "primary"
+        measurements.append(Measurement(quantity, measure, role, of_steps))
+    return measurements
 
 
 class _Iterations(_Corrections):
