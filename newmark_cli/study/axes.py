@@ -37,9 +37,7 @@ from newmark_cli.study.axis import (
     Axis,
     axes_of,
     axis,
-    form_text,
     integrator_text,
-    measure_text,
     projection_text,
     setting,
 )
@@ -83,7 +81,7 @@ class Cell:
         since=(0, 0),
         inner=True,
         names=FORMS,
-        text=form_text,
+        text=lambda form: f"({form.replace('-', ', ').replace('lambda', 'λ')}) form",
         about="name of a form, or a list",
         shows="the form, by the unknowns that it keeps",
     )
@@ -331,7 +329,7 @@ class RowAxes:
         "name of an invariant or an output",
     )
     measure: str = _of_row(
-        text=measure_text,
+        text=lambda name: name.replace("_", " ").replace("work-precision", "work and precision"),
         also=lambda record: GIVEN_BY.get(record, ()),
         shows="what was measured, see the measures",
     )

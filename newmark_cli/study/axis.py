@@ -133,18 +133,8 @@ def integrator_text(label: str) -> str:
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 
-def form_text(form: str) -> str:
-    """A form by its unknowns."""
-    return f"({', '.join('λ' if part == 'lambda' else part for part in form.split('-'))}) form"
-
-
 def projection_text(label: str) -> str:
     """A projection in words."""
     method, _, rest = label.partition(" ")
     named = "no projection" if method == "none" else f"{method} projection"
     return named + (f" with {rest}" if rest else "")
-
-
-def measure_text(measure: str) -> str:
-    """Kind of rows in words."""
-    return measure.replace("_", " ").replace("work-precision", "work and precision")

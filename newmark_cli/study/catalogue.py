@@ -4,7 +4,7 @@ Nothing is built or compiled: of mechanisms and configs only the files are read.
 """
 
 from newmark_cli.mechanisms import registry
-from newmark_cli.mechanisms.families import FAMILIES, Family
+from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.newmark.forms import FORMS, Form
 from newmark_cli.newmark.formulation import METHODS, PROJECTIONS, REPORTED, STARTS
 from newmark_cli.newmark.integrator import INTEGRATORS
@@ -18,7 +18,10 @@ def sections() -> dict[str, dict[str, str]]:
     """Section → name → what it is, in one line."""
     return {
         "problems": {name: _problem(name) for name in registry.PROBLEMS},
-        "families of problems": {name: _family(family) for name, family in FAMILIES.items()},
+        "families of problems": {
+            name: f"{family.title}; size: {', '.join(family.parameters)}; {family.counts}"
+            for name, family in FAMILIES.items()
+        },
         "forms": {name: _form(form) for name, form in FORMS.items()},
         "integrators": {name: kind.description for name, kind in INTEGRATORS.items()},
         "preconditioning": {name: variant.description for name, variant in VARIANTS.items()},
@@ -37,10 +40,6 @@ def _problem(name: str) -> str:
     data = documents.read(registry.file(name)).data
     n, m = registry.size(data)
     return f"{data['title']}: {data['description']}; n = {n}, m = {m}"
-
-
-def _family(family: Family) -> str:
-    return f"{family.title}; size: {', '.join(family.parameters)}; {family.counts}"
 
 
 def _form(form: Form) -> str:

@@ -130,8 +130,8 @@ class _Rules(documents.RuledModel):
         until = self.error.value().until
         ends = [self.t_end] if self.t_end else [(self.steps or 0) * h for h in self.h]
         if until is not None and until > min(ends) * (1 + 1e-9):
-            text = f"ends at {until:g}, and the march at {min(ends):g}"
-            yield misfit("error", f"over {text}")
+            text = f"over ends at {until:g}, and the march at {min(ends):g}"
+            yield misfit("error", text)
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
         """Why these keys leave nothing of a measure."""

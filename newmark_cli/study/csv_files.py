@@ -166,7 +166,10 @@ def spelled(value: Any) -> str:
         return ""
     if isinstance(value, float):
         return repr(float(value))
-    return _guarded(value) if isinstance(value, str) else str(value)
+    text = str(value)
+    if isinstance(value, str) and _FORMULA.match(text) and not _PLAIN_NUMBERS.fullmatch(text):
+        return f"'{text}"  # which no spreadsheet takes for a formula; see `_unguarded`
+    return text
 
 
 #: Beginning of a cell that a spreadsheet takes for a formula, and the same with an apostrophe.
@@ -174,11 +177,6 @@ _FORMULA = re.compile(r"""[ "']*[=+\-@\t\r]""")
 _GUARDED = re.compile(rf"'{_FORMULA.pattern}")
 #: Numbers between blanks, which are no formula whatever their sign is.
 _PLAIN_NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?( ([-+]?[0-9.]+(e[-+]?[0-9]+)?|nan))*")
-
-
-def _guarded(text: str) -> str:
-    """Text that no spreadsheet takes for a formula; see `_unguarded`."""
-    return f"'{text}" if _FORMULA.match(text) and not _PLAIN_NUMBERS.fullmatch(text) else text
 
 
 def _unguarded(text: str) -> str:

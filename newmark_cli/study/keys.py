@@ -1,6 +1,6 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -175,11 +175,6 @@ class MethodConfig(Valued):
         return str(self.value().label)
 
 
-def _or_own(value: Any, handler: Callable[[Any], Any]) -> Any:
-    """The name of a method, or of a class in a file."""
-    return value if isinstance(value, str) and NAMED.fullmatch(value) else handler(value)
-
-
 class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
@@ -188,7 +183,7 @@ class IntegratorConfig(MethodConfig):
     method: Annotated[
         str,
         Known("method", METHODS),
-        WrapValidator(_or_own),
+        WrapValidator(lambda given, known: given if NAMED.fullmatch(str(given)) else known(given)),
         Field(description="method, or `file.py:Class` of your own, which needs --allow-code"),
     ] = "newmark"
     beta: Number | None = Field(None, description="β of alpha, and of newmark, 0.25 when omitted")

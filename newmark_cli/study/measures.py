@@ -194,15 +194,12 @@ def _bound_of_correction(key: SeriesKey) -> str:
     return _orders_of(key).bounded.get(key.quantity, "")
 
 
-def _order_of_unit(key: SeriesKey) -> int:
-    """Order of the unit of a correction: scaled ones are divided by their factor in D_R."""
-    return _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
-
-
 def _order_of_correction(key: SeriesKey) -> float:
     if key.stop != SATURATION or not _march_of(key).settles:
         return np.nan  # Newton does not end where rounding stops it
-    return _orders_of(key).physical_corrections()[key.quantity] - _order_of_unit(key)
+    # Scaled ones are divided by their factor in D_R.
+    unit = _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
+    return _orders_of(key).physical_corrections()[key.quantity] - unit
 
 
 def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
