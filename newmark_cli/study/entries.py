@@ -409,7 +409,7 @@ class _Tabulates(_Heads):
                 yield misfit("columns", f"{axis} already tells the rows apart")
         if self.columns is not None and self.headings is not None:
             yield misfit("headings", "are columns one by one; leave out columns")
-        if (self.columns or self.headings) and not self.rows:
+        if self.across and not self.rows:
             yield misfit("rows", "missing: the axes that tell rows apart")
 
 
