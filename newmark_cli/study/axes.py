@@ -208,64 +208,55 @@ class Cell:
     t_end: float = setting(
         "end of the march, from 0 (s)",
         shows="end of the march as configured (s)",
+        column=True,
         since=(0, 0),
         default=None,
     )
     steps: int = setting(
         "steps to take, in place of t_end; 0: measure at the initial state",
         shows="steps taken: whole steps up to `t_end`; 0: measured at the initial state",
+        column=True,
         since=(0, 0),
         default=None,
     )
     measure: tuple[str, ...] = setting(
         "what is measured",
-        column=False,
         default=("correction", "condition"),
     )
     iteration_cap: int = setting(
         "most Newton corrections in a step",
-        column=False,
         initial=50,
     )
     samples: int = setting(
         "most steps at which J is evaluated for condition and sensitivity",
-        column=False,
         initial=32,
     )
     twins: int = setting(
         "marches from starts one unit in the last place away, by which the rounding of errors, "
         "invariants and drifts is measured; 0: none",
-        column=False,
         initial=0,
         default=3,
     )
     krylov: Krylov | None = setting(
         "when gmres stops",
-        column=False,
         initial=None,
-        default=None,
     )
     trajectory: Kept | None = setting(
         "which steps `trajectory` keeps, and what of them; default: all",
-        column=False,
         initial=None,
     )
     error: Window | None = setting(
         "where `error` looks for the largest errors besides those at t_end: over the motion, or "
         "in a window of it; default: nowhere",
-        column=False,
         initial=None,
     )
     reference: "ReferenceFile | None" = setting(
         "table with the solution at the end, in place of one that is computed; columns t, u[…], "
         "v[…], lambda[…], and their relative errors error[u] …",
-        column=False,
         initial=None,
-        default=None,
     )
     accept: tuple[str, ...] = setting(
         "statuses that cells may end with and not count as failed; not_converging, for series",
-        column=False,
         computed=False,
         compare=False,
         initial=(),

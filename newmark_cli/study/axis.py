@@ -83,9 +83,9 @@ def axis(
     return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
 
 
-def setting(about: str, **rest: Any) -> Any:
+def setting(about: str, column: bool = False, **rest: Any) -> Any:
     """A field of a cell that is the same in all of a case: no series differ in it."""
-    return axis(about=about, series=False, cell=False, many=False, **rest)
+    return axis(about=about, column=column, series=False, cell=False, many=False, **rest)
 
 
 def axes_of(of: type) -> tuple[Axis, ...]:
