@@ -21,7 +21,7 @@ from newmark_cli.mechanisms.spatial_model import SpatialMechanism
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.verdicts import NOT_CONVERGING, PASS, SHOWN, UNDECIDED
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, csv_files
+from newmark_cli.study import config, csv_files, shipped
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.axis import TRAPEZOIDAL
 from newmark_cli.study.csv_rows import study_files
@@ -289,7 +289,7 @@ def test_every_measure_command_and_name_is_there(reference):
             if isinstance(parameter, click.Option):
                 assert parameter.opts[-1] in section, (name, parameter.opts)
     names = rows_of(reference["reference/names.md"])
-    for name in (*PROBLEMS, *FIGURES, *config.shipped()):
+    for name in (*PROBLEMS, *FIGURES, *shipped.names()):
         assert len(names[name]) > 10, name
     about = rows_of(reference["reference/api.md"])
     for name in newmark.__all__:

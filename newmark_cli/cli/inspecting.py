@@ -234,7 +234,7 @@ def draw(
     from newmark_cli.problems.problem import is_beyond
     from newmark_cli.report.drawing import draw as drawing
     from newmark_cli.report.drawing import draw_mechanism, style
-    from newmark_cli.study import keys, motion
+    from newmark_cli.study import motion
 
     if is_beyond(subject.until, time):
         raise InputError(
@@ -242,10 +242,7 @@ def draw(
             f"of {spec.label} ends, given {time:g} s"
         )
 
-    if allow_code:
-        integrator = naming.integrator_named(method)
-    else:
-        integrator = keys.read("--integrator", method, keys.IntegratorConfig)
+    integrator = naming.integrator_named(method, allow_code)
     places = [subject.u0]
     draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
     if time:

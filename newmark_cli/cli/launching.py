@@ -98,7 +98,7 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
     Example:
       newmark-study reproduce --results out
     """
-    from newmark_cli.study import config
+    from newmark_cli.study import config, shipped
 
     studies = (*config.REPRODUCED, *config.BEYOND) if everything else config.REPRODUCED
     runs = _run([config.load_shipped(name) for name in studies], folder, how, quiet, verbose)
@@ -128,7 +128,7 @@ def reproduce(folder: Path, how: "Options", quiet: bool, verbose: bool, everythi
         f"cells: {ended} of {sum(len(done.statuses) for done in runs)} ok",
         f"written: {len(files)} files in {folder / 'figures'}, tables in {folder / 'tables'}",
         summary,
-        records.agreement(folder, studies, config.shipped_sums()),
+        records.agreement(folder, studies, shipped.folder() / "results.json"),
         "next: 'newmark-study show andrews-u' for values, 'newmark-study report' for a page"
         if code == 0
         else "not all is as it should be: the lines that begin with 'newmark-study:' say what",

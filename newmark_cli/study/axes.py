@@ -10,34 +10,18 @@ that is not one of its names, stands in `newmark_cli.study.keys`.
 """
 
 import re
+from collections import namedtuple
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from functools import cache, cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from newmark_cli.newmark import formulation as formulations
+from newmark_cli.newmark import integrator as integrators
 from newmark_cli.newmark.forms import FORMS, Form
-from newmark_cli.newmark.formulation import (
-    CONSISTENT,
-    CONSTRAINTS,
-    METHODS,
-    NEWTON,
-    PROJECTIONS,
-    REPORTED,
-    STARTS,
-    UNPROJECTED,
-    Formulation,
-    Projection,
-    is_formulated,
-    reported,
-)
-from newmark_cli.newmark.integrator import (
-    AUXILIARY,
-    INTEGRATORS,
-    RESCALE_VELOCITY,
-    TRAPEZOIDAL_NAME,
-    Integrator,
-)
+from newmark_cli.newmark.formulation import Formulation, Projection
+from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.integrator_labels import plain_label
 from newmark_cli.newmark.kept import Kept
 from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
@@ -53,9 +37,7 @@ from newmark_cli.study.axis import (
     Axis,
     axes_of,
     axis,
-    form_text,
     integrator_text,
-    measure_text,
     projection_text,
     setting,
 )
@@ -87,7 +69,7 @@ class Cell:
     integrator: Integrator = axis(
         usual=TRAPEZOIDAL,
         since=(0, 1),
-        names=(*INTEGRATORS, TRAPEZOIDAL_NAME),
+        names=(*integrators.INTEGRATORS, integrators.TRAPEZOIDAL_NAME),
         text=integrator_text,
         plain=plain_label,
         also=lambda label: label.split()[:1],
@@ -99,7 +81,7 @@ class Cell:
         since=(0, 0),
         inner=True,
         names=FORMS,
-        text=form_text,
+        text=lambda form: f"({form.replace('-', ', ').replace('lambda', 'λ')}) form",
         about="name of a form, or a list",
         shows="the form, by the unknowns that it keeps",
     )
@@ -142,16 +124,16 @@ class Cell:
         "the start",
     )
     formulation: Formulation = axis(
-        initial=CONSTRAINTS,
+        initial=formulations.CONSTRAINTS,
         since=(4, 4),
-        names=METHODS,
+        names=formulations.METHODS,
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
     projection: Projection = axis(
-        initial=UNPROJECTED,
+        initial=formulations.UNPROJECTED,
         since=(4, 4),
-        names=PROJECTIONS,
+        names=formulations.PROJECTIONS,
         text=projection_text,
         plain=lambda text: (
             text.replace("no projection", "none").replace(" projection", "").replace(" with ", " ")
@@ -161,19 +143,19 @@ class Cell:
     )
     multipliers: str = axis(
         write=lambda cell: cell.reported,
-        usual=NEWTON,
+        usual=formulations.NEWTON,
         initial=AUTO,
         since=(4, 4),
-        names=REPORTED,
+        names=formulations.REPORTED,
         text=lambda label: MULTIPLIERS.get(label, label),
         also=lambda label: (AUTO,),
         about="which λ is reported; auto: recovered after a projection, else newton",
         shows="which λ is reported: `newton`, `recovered` or `total`",
     )
     start: str = axis(
-        initial=CONSISTENT,
+        initial=formulations.CONSISTENT,
         since=(4, 4),
-        names=STARTS,
+        names=formulations.STARTS,
         text=lambda label: f"{label} start",
         about="velocities that the march starts from",
     )
@@ -202,10 +184,10 @@ class Cell:
         "`alternate 1.0 0.5 every 5`, `random 0.5 2.0 seed 1`, all in multiples of `h`",
     )
     auxiliary: str = axis(
-        initial=RESCALE_VELOCITY,
+        initial=integrators.RESCALE_VELOCITY,
         since=(6, 4),
         rare=True,
-        names=AUXILIARY,
+        names=integrators.AUXILIARY,
         about="what becomes of the integrator's past where the step size changes",
     )
     code: "OtherCode | str" = axis(
@@ -226,64 +208,55 @@ class Cell:
     t_end: float = setting(
         "end of the march, from 0 (s)",
         shows="end of the march as configured (s)",
+        column=True,
         since=(0, 0),
         default=None,
     )
     steps: int = setting(
         "steps to take, in place of t_end; 0: measure at the initial state",
         shows="steps taken: whole steps up to `t_end`; 0: measured at the initial state",
+        column=True,
         since=(0, 0),
         default=None,
     )
     measure: tuple[str, ...] = setting(
         "what is measured",
-        column=False,
         default=("correction", "condition"),
     )
     iteration_cap: int = setting(
         "most Newton corrections in a step",
-        column=False,
         initial=50,
     )
     samples: int = setting(
         "most steps at which J is evaluated for condition and sensitivity",
-        column=False,
         initial=32,
     )
     twins: int = setting(
         "marches from starts one unit in the last place away, by which the rounding of errors, "
         "invariants and drifts is measured; 0: none",
-        column=False,
         initial=0,
         default=3,
     )
     krylov: Krylov | None = setting(
         "when gmres stops",
-        column=False,
         initial=None,
-        default=None,
     )
     trajectory: Kept | None = setting(
         "which steps `trajectory` keeps, and what of them; default: all",
-        column=False,
         initial=None,
     )
     error: Window | None = setting(
         "where `error` looks for the largest errors besides those at t_end: over the motion, or "
         "in a window of it; default: nowhere",
-        column=False,
         initial=None,
     )
     reference: "ReferenceFile | None" = setting(
         "table with the solution at the end, in place of one that is computed; columns t, u[…], "
         "v[…], lambda[…], and their relative errors error[u] …",
-        column=False,
         initial=None,
-        default=None,
     )
     accept: tuple[str, ...] = setting(
         "statuses that cells may end with and not count as failed; not_converging, for series",
-        column=False,
         computed=False,
         compare=False,
         initial=(),
@@ -303,7 +276,7 @@ class Cell:
     @property
     def reported(self) -> str:
         """Which multipliers are reported."""
-        return reported(self.multipliers, self.projection)
+        return formulations.reported(self.multipliers, self.projection)
 
     @property
     def formulated(self) -> Form:
@@ -313,7 +286,7 @@ class Cell:
     @property
     def solver(self) -> str:
         """The linear solver that is used; the problem's size decides where it may."""
-        formulated = is_formulated(self.formulation, self.projection)
+        formulated = formulations.is_formulated(self.formulation, self.projection)
         return choose(
             self.linear_solver, self.problem.load(), self.formulated, formulated, self.precision
         )
@@ -333,40 +306,33 @@ class Cell:
         return max(self.steps, 1) * (1 + self.twins)
 
 
+def _of_row(title: str = "", **rest: Any) -> Any:
+    return axis(title, **{"since": (0, 0), "cell": False, "computed": False, **rest})
+
+
 @dataclass(frozen=True)
 class RowAxes:
     """Axes that tell the rows of one cell apart; the attributes of a `Measurement`."""
 
-    quantity: str = axis(
-        since=(0, 0),
-        cell=False,
-        computed=False,
+    quantity: str = _of_row(
         text=lambda name: SYMBOLS.get(name, name),
         shows="what the row is about: `u`, `v`, `a`, `lambda`, `eta`, `jacobian`, `newton`, or the "
         "name of an invariant or an output",
     )
-    measure: str = axis(
-        since=(0, 0),
-        cell=False,
-        computed=False,
-        text=measure_text,
+    measure: str = _of_row(
+        text=lambda name: name.replace("_", " ").replace("work-precision", "work and precision"),
         also=lambda record: GIVEN_BY.get(record, ()),
         shows="what was measured, see the measures",
     )
-    role: str = axis(
-        since=(0, 0),
+    role: str = _of_row(
         series=False,
-        cell=False,
-        computed=False,
         shows="`primary`: an unknown; `recovered`: an eliminated field, whose correction follows "
         "by the form's weights",
     )
-    row_block: str = axis(
+    row_block: str = _of_row(
         "row block",
         usual="",
         since=(1, 1),
-        cell=False,
-        computed=False,
         initial="",
         text=lambda row: f"row {row} perturbed",
         shows="perturbed row `D`, `V`, `K` or `C` of a sensitivity; empty otherwise",
@@ -396,12 +362,6 @@ def cell_axes() -> tuple[Axis, ...]:
 def row_axes() -> tuple[Axis, ...]:
     """Axes of the rows of one cell."""
     return axes_of(RowAxes)
-
-
-@cache
-def _places() -> dict[str, int]:
-    """Axis → its place among the values of a `SeriesKey`."""
-    return {axis.name: place for place, axis in enumerate(series_axes())}
 
 
 @cache
@@ -472,15 +432,17 @@ def values(case: Any) -> dict[str, tuple[Any, ...]]:
     return {axis.name: axis.values(case) for axis in cell_axes() if axis.cell}
 
 
-@dataclass(frozen=True)
-class SeriesKey:
-    """Labels that tell a series from all others; every axis of `series_axes` is an attribute.
+def _labels() -> Any:
+    return namedtuple("_Labels", [axis.name for axis in series_axes()])
 
-    Attributes:
-        values: In the order of `series_axes`; all spellings of one value are the same.
+
+class SeriesKey(_labels()):  # type: ignore[misc]
+    """Labels that tell a series from all others: every axis of `series_axes` is an attribute.
+
+    All spellings of one value are the same.
     """
 
-    values: tuple[str, ...]
+    __slots__ = ()
 
     @classmethod
     def of(cls, row: Mapping[str, Any]) -> "SeriesKey":
@@ -497,25 +459,18 @@ class SeriesKey:
             else:
                 label = row[of.name] if of.usual is None else row.get(of.name, of.usual)
                 labels.append(of.same(str(label)))
-        return cls(tuple(labels))
-
-    def __getattr__(self, name: str) -> str:
-        place = None if name.startswith("_") else _places().get(name)
-        if place is None:
-            raise AttributeError(name)
-        value = self.__dict__[name] = self.values[place]  # found there the next time
-        return value
+        return cls(*labels)
 
     def named(self) -> dict[str, str]:
         """Axis → value."""
-        names = (axis.name for axis in series_axes())
-        return dict(zip(names, self.values, strict=True))
+        values: dict[str, str] = self._asdict()
+        return values
 
     def besides(self, *said: str) -> list[str]:
         """Values of the axes that neither go without saying nor are said already."""
         return [
             value
-            for axis, value in zip(series_axes(), self.values, strict=True)
+            for axis, value in zip(series_axes(), self, strict=True)
             if axis.name not in said and value and value != axis.usual
         ]
 

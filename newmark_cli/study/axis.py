@@ -13,54 +13,37 @@ ALIASES = {"scaling": "preconditioning"}
 
 @dataclass(frozen=True)
 class Axis:
-    """One way in which cells, rows or series differ.
+    """One way in which cells, rows or series differ."""
 
-    Attributes:
-        name: Attribute of `Cell` or `RowAxes`, key of configs, and column of CSVs.
-        title: How tables for people head it.
-        write: Its value in a CSV: text or a number, from the cell or the row.
-        usual: Value that goes without saying in texts, and that a CSV has which lacks
-            the column; None where there is no such value.
-        same: What all spellings of one value in a CSV have in common.
-        names: Values that have a name; others are written out.
-        text: A value, as CSVs have it, as legends and titles have it.
-        plain: A value as CSVs have it, from what legends make of one without a name.
-        also: What else a value may be called, where one is typed.
-        column: Whether CSVs have a column of its name.
-        series: Whether it tells series apart.
-        cell: Whether it tells cells of a study apart.
-        computed: Whether it is part of what is computed, and so of a kept cell's key.
-        inner: Whether it varies inside the axes that are not, in a study's order of cells.
-        since: Version of the columns of a study's CSV, and of ``slopes.csv``, that
-            brought it: columns are appended, never moved.
-        default: What a config that lacks the key means.
-        about: What the key means, for JSON Schema and the docs.
-        shows: What the column of a CSV holds, for the docs, where ``about`` does not say it.
-        rare: Whether CSVs have the column only where a value does not go without saying.
-        many: Whether a config may give several values, which then span a grid.
-        value: Value of a cell from one of the config's.
-    """
-
-    name: str
-    title: str
-    write: Callable[[Any], Any]
+    name: str  #: attribute of `Cell` or `RowAxes`, key of configs, and column of CSVs
+    title: str  #: how tables for people head it
+    write: Callable[[Any], Any]  #: its value in a CSV: text or a number, from the cell or the row
+    #: value that goes without saying in texts, and that a CSV has which lacks the column; None
+    #: where there is no such value
     usual: str | None = None
-    same: Callable[[str], str] = str
-    names: Collection[str] = ()
-    text: Callable[[str], str] = str
+    same: Callable[[str], str] = str  #: what all spellings of one value in a CSV have in common
+    names: Collection[str] = ()  #: values that have a name; others are written out
+    text: Callable[[str], str] = str  #: a value, as CSVs have it, as legends and titles have it
+    #: a value as CSVs have it, from what legends make of one without a name
     plain: Callable[[str], str] = str
+    #: what else a value may be called, where one is typed
     also: Callable[[str], Collection[str]] = lambda value: ()
-    column: bool = True
-    series: bool = True
-    cell: bool = True
-    computed: bool = True
+    column: bool = True  #: whether CSVs have a column of its name
+    series: bool = True  #: whether it tells series apart
+    cell: bool = True  #: whether it tells cells of a study apart
+    computed: bool = True  #: whether it is part of what is computed, and so of a kept cell's key
+    #: whether it varies inside the axes that are not, in a study's order of cells
     inner: bool = False
+    #: version of the columns of a study's CSV, and of ``slopes.csv``, that brought it: columns are
+    #: appended, never moved
     since: tuple[int, int] = (3, 3)
-    default: Any = ...
-    about: str = ""
+    default: Any = ...  #: what a config that lacks the key means
+    about: str = ""  #: what the key means, for JSON Schema and the docs
+    #: what the column of a CSV holds, for the docs, where ``about`` does not say it
     shows: str = ""
-    rare: bool = False
-    many: bool = True
+    rare: bool = False  #: whether CSVs have the column only where a value is not the usual one
+    many: bool = True  #: whether a config may give several values, which then span a grid
+    #: value of a cell from one of the config's
     value: Callable[[Any], Any] = lambda key: key.value() if hasattr(key, "value") else key
 
     def values(self, case: Any) -> tuple[Any, ...]:
@@ -100,9 +83,9 @@ def axis(
     return field(compare=compare, metadata={"title": title, "write": write, **rest}, **options)
 
 
-def setting(about: str, **rest: Any) -> Any:
+def setting(about: str, column: bool = False, **rest: Any) -> Any:
     """A field of a cell that is the same in all of a case: no series differ in it."""
-    return axis(about=about, series=False, cell=False, many=False, **rest)
+    return axis(about=about, column=column, series=False, cell=False, many=False, **rest)
 
 
 def axes_of(of: type) -> tuple[Axis, ...]:
@@ -150,18 +133,8 @@ def integrator_text(label: str) -> str:
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 
-def form_text(form: str) -> str:
-    """A form by its unknowns."""
-    return f"({', '.join('λ' if part == 'lambda' else part for part in form.split('-'))}) form"
-
-
 def projection_text(label: str) -> str:
     """A projection in words."""
     method, _, rest = label.partition(" ")
     named = "no projection" if method == "none" else f"{method} projection"
     return named + (f" with {rest}" if rest else "")
-
-
-def measure_text(measure: str) -> str:
-    """Kind of rows in words."""
-    return measure.replace("_", " ").replace("work-precision", "work and precision")

@@ -13,6 +13,7 @@ from newmark_cli.newmark.march import March, is_ready
 from newmark_cli.newmark.operations import of_march
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
+from newmark_cli.newmark.trajectory import REDUNDANT
 from newmark_cli.newmark.twins import spread, twins
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
@@ -23,9 +24,6 @@ from newmark_cli.support.arrays import IndexArray
 
 #: Seconds that a march is timed for in all, and most repetitions of a short one.
 _MEASURED, _MOST_MARCHES = 0.2, 1_000
-
-#: Status of a cell that was ended because rows that were dropped as redundant are needed.
-REDUNDANT = "redundant"
 
 
 class _Watch(GapWatch, Observer):
@@ -52,11 +50,24 @@ def scheme_of(cell: Cell) -> Scheme:
     )
 
 
+def march_of(cell: Cell) -> March:
+    """The march of a cell, at its start."""
+    problem = cell.problem.load()
+    grid = cell.grid(problem.t0)
+    return March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
+
+
+def twins_of(cell: Cell, count: int) -> Iterator[March]:
+    """So many twins of that march."""
+    problem = cell.problem.load()
+    grid = cell.grid(problem.t0)
+    return twins(problem, scheme_of(cell), count, cell.solver, cell.krylov, grid)
+
+
 def prepare(cell: Cell) -> None:
     """Compile the kernel that a cell needs, unless it is: that is no time of the cell's."""
-    problem, scheme = cell.problem.load(), scheme_of(cell)
-    if not is_ready(scheme):
-        March(problem, scheme, cell.solver, cell.krylov).advance(0)
+    if not is_ready(scheme_of(cell)):
+        march_of(cell).advance(0)
 
 
 def compute(
@@ -69,9 +80,7 @@ def compute(
     Without the reference, the solution at the end, errors are empty.  ``on_steps`` is told how many
     steps were done, now and then; an exception that it raises ends the march.
     """
-    problem = cell.problem.load()
-    grid = cell.grid(problem.t0)
-    march = March(problem, scheme_of(cell), cell.solver, cell.krylov, grid=grid)
+    march = march_of(cell)
     observers = {name: OBSERVERS[name](cell, march, reference) for name in _observed(cell)}
     every = [*observers.values(), _Watch(march.problem, cell.steps)]
     counts, pivoted = marched(march, cell.steps, every, on_steps)
@@ -117,9 +126,7 @@ def _by_twins(
     """Measure with twins → deviations of the march, then of each twin."""
     twinned = [name for name in observers if name == OVER_MOTION or MEASURES[name].twins]
     deviations = {name: [observers[name].deviations] for name in twinned}
-    problem, scheme = cell.problem.load(), scheme_of(cell)
-    grid = cell.grid(problem.t0)
-    for twin in twins(problem, scheme, cell.twins, cell.solver, cell.krylov, grid):
+    for twin in twins_of(cell, cell.twins):
         of_twin = {name: OBSERVERS[name](cell, twin, reference) for name in twinned}
         marched(twin, cell.steps, [*of_twin.values()], on_steps)
         for name, observer in of_twin.items():
@@ -172,10 +179,7 @@ def march_seconds(cell: Cell, on_steps: Callable[[int], None]) -> float | None:
     """
     seconds: list[float] = []
     while cell.steps and sum(seconds) < _MEASURED and len(seconds) < _MOST_MARCHES:
-        problem = cell.problem.load()
-        march = March(
-            problem, scheme_of(cell), cell.solver, cell.krylov, grid=cell.grid(problem.t0)
-        )
+        march = march_of(cell)
         start = time.perf_counter()
         for _ in march.stretches(cell.steps):
             on_steps(0)

@@ -13,27 +13,15 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.spec import (
-    MechanismFile,
-    ProblemSpec,
-    Traits,
-    with_ending,
-)
+from newmark_cli.mechanisms.spec import MechanismFile, ProblemSpec, Traits, with_ending
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.kept import DRIFT, ENERGY, OUTPUT, Kept
-from newmark_cli.newmark.linear.choice import (
-    AUTO,
-    DENSE,
-    GMRES,
-    SPARSE,
-    STATIC,
-)
-from newmark_cli.newmark.scaling import Preconditioning, ScalingError
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, SPARSE, STATIC
+from newmark_cli.newmark.scaling import ScalingError
 from newmark_cli.newmark.scheme import COMPENSATED
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.problems.problem import is_beyond
-from newmark_cli.study import axes, fitting, keys, other_codes, overrides, showable
-from newmark_cli.study import shipped as _shipped
+from newmark_cli.study import axes, fitting, keys, other_codes, overrides, shipped, showable
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.axis import ALIASES, Axis, label
 from newmark_cli.study.entries import Expectations, Figures, Tables
@@ -42,14 +30,7 @@ from newmark_cli.study.measures import MEASURES, Measure
 from newmark_cli.study.replay import OF_STATES
 from newmark_cli.study.subjects import Surroundings
 from newmark_cli.support import documents
-from newmark_cli.support.documents import (
-    Document,
-    DocumentError,
-    KeyPath,
-    RuledModel,
-    StrictModel,
-    misfit,
-)
+from newmark_cli.support.documents import Document, DocumentError, KeyPath, misfit
 from newmark_cli.support.errors import warn
 from newmark_cli.support.spelling import closest, nearest
 
@@ -63,6 +44,8 @@ BEYOND = (
 #: Shipped configs that take minutes, and are run by name only.
 APART = ("testset",)
 MOST_CASES = 500
+#: What the linear solver `AUTO` may stand for.
+_OF_AUTO = (DENSE, SPARSE, STATIC)
 #: No settings of the command line.
 NOTHING: Mapping[str, str] = MappingProxyType({})
 # More is a slip of the finger, and would keep `validate` busy.
@@ -75,7 +58,7 @@ _TOO_MANY_CELLS = f"more than {_MOST_CELLS} cells"
 _MOST_RECORDED = 5_000_000
 
 
-class _Rules(RuledModel):
+class _Rules(documents.RuledModel):
     """Rules that tie the keys of a case together; the keys are the axes of `Cell`."""
 
     def _misfits(self) -> Iterator[PydanticCustomError]:
@@ -87,10 +70,13 @@ class _Rules(RuledModel):
             yield misfit("t_end", f"needs either t_end or steps, given {which}")
         yield from self._misfits_of_the_end(any(measure.at_end for measure in measures))
         yield from (error for measure in measures for error in self._unmeasurable(measure))
-        labels = [variant.label for variant in self.variants()]
+        labels = self.axes()["preconditioning"]
         if len(set(labels)) < len(labels):
             twice = next(label for label in labels if labels.count(label) > 1)
             yield misfit("preconditioning", f"given twice: {twice}")
+        if AUTO in self.linear_solver and {*_OF_AUTO} & {*self.linear_solver}:
+            text = f"{AUTO} stands for {DENSE}, {STATIC} or {SPARSE}, which is then given twice"
+            yield misfit("linear_solver", text)
         for at in self._combinations("form", "formulation", "preconditioning"):
             variant = at["preconditioning"]
             try:
@@ -144,8 +130,8 @@ class _Rules(RuledModel):
         until = self.error.value().until
         ends = [self.t_end] if self.t_end else [(self.steps or 0) * h for h in self.h]
         if until is not None and until > min(ends) * (1 + 1e-9):
-            text = f"ends at {until:g}, and the march at {min(ends):g}"
-            yield misfit("error", f"over {text}")
+            text = f"over ends at {until:g}, and the march at {min(ends):g}"
+            yield misfit("error", text)
 
     def _unmeasurable(self, measure: Measure) -> Iterator[PydanticCustomError]:
         """Why these keys leave nothing of a measure."""
@@ -221,19 +207,12 @@ class _Rules(RuledModel):
         """Message for a key that must be given: names that are its values."""
         return f"missing{nearest(None, NAMES[key])}" if key in NAMES else "missing"
 
-    def variants(self) -> list[Preconditioning]:
-        """Scalings in the order given."""
-        return list(axes.values(self)["preconditioning"])
-
     def axes(self) -> dict[str, tuple[Any, ...]]:
         """Values along each axis by which cells differ, as CSVs would have them."""
         values = axes.values(self)
-        values["preconditioning"] = tuple(variant.label for variant in self.variants())
+        values["preconditioning"] = tuple(map(label, values["preconditioning"]))
         values["code"] = tuple(map(label, values["code"]))
-        solvers = [
-            (DENSE, SPARSE, STATIC) if solver == AUTO else (solver,)
-            for solver in values["linear_solver"]
-        ]
+        solvers = (_OF_AUTO if of == AUTO else (of,) for of in values["linear_solver"])
         values["linear_solver"] = tuple(chain.from_iterable(solvers))
         return {**values, "measure": self.measure, "initial": (self.steps == 0,)}
 
@@ -276,22 +255,22 @@ class _Rules(RuledModel):
         """Cells in the order of the CSV."""
         values = axes.values(self)
         first = {name: of[0] for name, of in values.items()}
+        settings = {of.name: getattr(self, of.name) for of in axes.cell_axes() if not of.cell}
         for at in axes.grid(values):
             if not other_codes.counts(at, first):
                 continue
             h, steps = at["h"], self.steps
             if steps is None:
                 steps = steps_until(self.t_end, h, at["h_sequence"])
-            yield Cell(
-                **at,
-                t_end=self.t_end if self.t_end is not None else steps * h,
-                steps=steps,
-                krylov=self.krylov.value() if at["linear_solver"] == GMRES else None,
-                trajectory=self.kept,
-                error=self.error.value() if self.error is not None else None,
-                twins=self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
-                **{name: getattr(self, name) for name in _AS_GIVEN},
-            )
+            marched = {
+                "t_end": self.t_end if self.t_end is not None else steps * h,
+                "steps": steps,
+                "krylov": self.krylov.value() if at["linear_solver"] == GMRES else None,
+                "trajectory": self.kept,
+                "error": self.error.value() if self.error is not None else None,
+                "twins": self.twins if any(MEASURES[name].twins for name in self.measure) else 0,
+            }
+            yield Cell(**settings | at | marched)
 
 
 def _field(axis: Axis) -> tuple[Any, FieldInfo]:
@@ -311,16 +290,9 @@ else:
         __doc__="A full grid: every problem, form, scaling and step size with every other.",
         **{axis.name: _field(axis) for axis in axes.cell_axes()},
     )
-#: Settings that a cell has as its case has them.
-_AS_GIVEN = [
-    axis.name
-    for axis in axes.cell_axes()
-    if not axis.cell
-    and axis.name not in ("t_end", "steps", "krylov", "trajectory", "error", "twins")
-]
 
 
-class Study(StrictModel):
+class Study(documents.StrictModel):
     """A study: a name and its cases."""
 
     study: Name = Field(description="names the CSV")
@@ -335,9 +307,7 @@ class Study(StrictModel):
         None, description="slopes and levels that `check` asserts besides the predicted orders"
     )
     cases: tuple[Case, ...]
-    #: The file, and the line of each expectation in it; empty for a study without a file.
     _expected_at: tuple[str, tuple[int, ...]] = PrivateAttr(("", ()))
-    #: Its file, resolved; the bare name of a shipped study; empty for a study without a file.
     _origin: str = PrivateAttr("")
 
     @property
@@ -418,8 +388,8 @@ def _keys_at_the_top(
     document: Document, mistakes: documents.Mistakes
 ) -> tuple[dict[str, Any], dict[str, Any], int]:
     """Keys of the study, those of its cases, and how many unknown ones go unreported."""
-    data, allowed = document.data, (*_shipped.STUDY_KEYS, *Case.model_fields)
-    head = {key: data[key] for key in _shipped.STUDY_KEYS[:-1] if key in data}
+    data, allowed = document.data, (*shipped.STUDY_KEYS, *Case.model_fields)
+    head = {key: data[key] for key in shipped.STUDY_KEYS[:-1] if key in data}
     shared = {key: value for key, value in data.items() if key in Case.model_fields}
     unknown = [key for key in data if key not in allowed]
     for key in unknown[: documents.MOST_REPORTED]:
@@ -551,19 +521,9 @@ def _require_shown(document: Document, study: Study) -> None:
             raise document.error(("figures", i, "name"), text)
 
 
-def shipped() -> tuple[str, ...]:
-    """Names of the shipped configs."""
-    return _shipped.names()
-
-
-def shipped_sums() -> Path:
-    """File of the checksums of the results of the shipped configs."""
-    return _shipped.folder() / "results.json"
-
-
 def load_shipped(name: str, settings: Mapping[str, str] = NOTHING) -> Study:
     """The shipped config of this name, whatever lies in the current folder."""
-    study = load(_shipped.folder() / f"{name}.yaml", f"{name}.yaml", settings=settings)
+    study = load(shipped.folder() / f"{name}.yaml", f"{name}.yaml", settings=settings)
     study._origin = name
     return study
 
@@ -576,17 +536,13 @@ def find(
 
     Loading a problem in Python takes ``timeout`` seconds at most; for settings see `overrides`.
     """
-    if config in shipped():
+    if config in shipped.names():
         return load_shipped(config, settings)
     config = with_ending(config)
     path = Path(config)
     if path.suffix in (".yaml", ".yml"):
         return load(path, config, allow_code, timeout, settings)
-    raise _no_study(config)
-
-
-def _no_study(config: str) -> DocumentError:
-    if Path(config).exists():
-        return DocumentError(f"{config}: is not a study; give a YAML file, or a shipped study")
-    near = nearest(config, shipped())
-    return DocumentError(f"{config}: no such file and no shipped study{near}")
+    if path.exists():
+        raise DocumentError(f"{config}: is not a study; give a YAML file, or a shipped study")
+    near = nearest(config, shipped.names())
+    raise DocumentError(f"{config}: no such file and no shipped study{near}")

@@ -5,7 +5,7 @@ import io
 import os
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,61 +22,43 @@ from newmark_cli.support.errors import ResultsError
 class Column:
     """A column of a study's CSV for what was measured; those of the axes come from these."""
 
-    name: str  #: as in the CSV
+    name: str  #: as in the CSV, and the attribute that it holds of its owner
     about: str  #: what it holds
-    #: what a row has in it, from the outcome of its cell and its own statistics, which are None in
-    #: the row of a cell that measured nothing
-    value: Callable[[Outcome, Statistics | None], Any]
+    #: the owner: an `Outcome`, the same in all rows of a cell, or the `Statistics` of a row
+    of: type = Statistics
     #: version of the columns that brought it: columns are appended, never moved, and a column past
     #: version 0 is empty in a CSV that lacks it
     since: int = 0
-    is_number: bool = True  #: whether it holds numbers
-
-
-def _statistic(name: str, about: str, since: int = 0) -> Column:
-    return Column(name, about, lambda outcome, statistics: getattr(statistics, name, None), since)
 
 
 ROUNDING = "rounding"
 #: What was measured.
 MEASURED = (
-    _statistic(
+    Column(
         "rms",
         "root of the mean square over the steps that count (the sampled ones, for `condition` "
         "and `sensitivity`); what figures and slopes of corrections use",
     ),
-    _statistic("max", "largest value over these steps"),
-    _statistic(
-        "median", "median over these steps; what figures and slopes of condition numbers use"
-    ),
-    _statistic("last", "value at the last of these steps"),
-    _statistic("zeros", "how many values are exactly zero; a log axis cannot show them"),
+    Column("max", "largest value over these steps"),
+    Column("median", "median over these steps; what figures and slopes of condition numbers use"),
+    Column("last", "value at the last of these steps"),
+    Column("zeros", "how many values are exactly zero; a log axis cannot show them"),
     Column(
         "not_converged",
         "steps that reached the cap of iterations above the terminal-phase threshold; "
         "they are left out of the statistics",
-        lambda outcome, statistics: outcome.not_converged,
+        Outcome,
     ),
-    Column(
-        "newton_iterations",
-        "corrections computed per step, mean",
-        lambda outcome, statistics: outcome.newton_iterations,
-    ),
+    Column("newton_iterations", "corrections computed per step, mean", Outcome),
     Column(
         "status",
         "how the cell ended: `ok`, `not_converged`, `stagnated` (a Krylov solver), `singular`, "
         "`diverged`, `redundant` (in space: a row that was released as redundant is needed after "
         "all) or `failed`",
-        lambda outcome, statistics: outcome.status,
-        is_number=False,
+        Outcome,
     ),
+    Column("met", "steps that met the tolerance; empty where rounding stops Newton", Outcome, 2),
     Column(
-        "met",
-        "steps that met the tolerance; empty where rounding stops Newton",
-        lambda outcome, statistics: outcome.met,
-        since=2,
-    ),
-    _statistic(
         ROUNDING,
         "what rounding alone changes in the statistic that figures use, in its unit: of "
         "errors and invariants the standard deviation over the march and its twins, and "
@@ -86,28 +68,27 @@ MEASURED = (
         since=5,
     ),
 )
-_AXES = (
+#: Axes and settings that have a column.
+AXES = (
     axes.STUDY, *(axis for axis in axes.cell_axes() if axis.column), *axes.row_axes(),
 )  # fmt: skip
 
 #: Columns of a study's CSV; a new one is appended, none is renamed.
 COLUMNS = axes.appended(
     (
-        *((axis.since[0], axis.name) for axis in _AXES),
+        *((axis.since[0], axis.name) for axis in AXES),
         *((column.since, column.name) for column in MEASURED),
     )
 )
 #: What each column holds.
 ABOUT: Mapping[str, str] = {
-    **{axis.name: axis.shows or axis.about for axis in _AXES},
+    **{axis.name: axis.shows or axis.about for axis in AXES},
     **{column.name: column.about for column in MEASURED},
 }
 #: Columns that hold numbers.
-NUMBERS = frozenset(
-    ("h", "t_end", "steps", *(column.name for column in MEASURED if column.is_number))
-)
+NUMBERS = frozenset(("h", "t_end", "steps", *(of.name for of in MEASURED))) - {"status"}
 #: Columns that a CSV of an older version may lack, and what it then has in them.
-DEFAULTS = {axis.name: axis.usual for axis in _AXES if axis.usual is not None} | {
+DEFAULTS = {axis.name: axis.usual for axis in AXES if axis.usual is not None} | {
     column.name: "" for column in MEASURED if column.since > 0
 }
 
@@ -119,16 +100,15 @@ def rows(study: str, cells: Iterable[Cell], outcomes: Iterable[Outcome]) -> list
     """
     table = []
     for cell, outcome in zip(cells, outcomes, strict=True):
-        common = {
-            "study": study,
-            **{axis.name: axis.write(cell) for axis in axes.cell_axes() if axis.column},
+        common = {"study": study} | {
+            axis.name: axis.write(cell) for axis in axes.cell_axes() if axis.column
         }
         for measurement in outcome.measurements or (None,):
             row = dict(common)
             if measurement is not None:
                 row |= {axis.name: axis.write(measurement) for axis in axes.row_axes()}
-            statistics = None if measurement is None else measurement.statistics
-            row |= {column.name: column.value(outcome, statistics) for column in MEASURED}
+            owners = {Outcome: outcome, Statistics: measurement and measurement.statistics}
+            row |= {of.name: getattr(owners[of.of], of.name, None) for of in MEASURED}
             table.append(row)
     return table
 
@@ -186,7 +166,10 @@ def spelled(value: Any) -> str:
         return ""
     if isinstance(value, float):
         return repr(float(value))
-    return _guarded(value) if isinstance(value, str) else str(value)
+    text = str(value)
+    if isinstance(value, str) and _FORMULA.match(text) and not _PLAIN_NUMBERS.fullmatch(text):
+        return f"'{text}"  # which no spreadsheet takes for a formula; see `_unguarded`
+    return text
 
 
 #: Beginning of a cell that a spreadsheet takes for a formula, and the same with an apostrophe.
@@ -196,18 +179,8 @@ _GUARDED = re.compile(rf"'{_FORMULA.pattern}")
 _PLAIN_NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?( ([-+]?[0-9.]+(e[-+]?[0-9]+)?|nan))*")
 
 
-def _guarded(text: str) -> str:
-    """Text that no spreadsheet takes for a formula; see `_unguarded`."""
-    return f"'{text}" if _FORMULA.match(text) and not _PLAIN_NUMBERS.fullmatch(text) else text
-
-
 def _unguarded(text: str) -> str:
     return text[1:] if _GUARDED.match(text) else text
-
-
-def study_paths(path: Path) -> tuple[Path, ...]:
-    """Files of a study that are replaced together: CSV, records, and what `series_paths` has."""
-    return path, path.with_suffix(".json"), run_path(path), *series_paths(path)
 
 
 def run_path(path: Path) -> Path:
@@ -217,8 +190,8 @@ def run_path(path: Path) -> Path:
 
 def series_paths(path: Path) -> tuple[Path, ...]:
     """Files of what a study records over time, of which it may have none."""
-    names = (*(f"{folder}/{path.stem}.csv" for folder in SERIES_FOLDERS),)
-    return (*map(path.parent.joinpath, names), trajectory_path(path.parent, path.stem, True))
+    csvs = (path.parent / folder / f"{path.stem}.csv" for folder in SERIES_FOLDERS)
+    return (*csvs, trajectory_path(path.parent, path.stem, True))
 
 
 def replace(
@@ -242,22 +215,14 @@ def replace(
 
 
 def read(path: Path, series: bool = False) -> dict[Path, bytes | OSError]:
-    """Contents of `study_paths` of a CSV, or why they cannot be read.
-
-    Those of `series_paths`, which may be large, only if asked for.
-    """
-    paths = study_paths(path)
-    return {file: _content(file, path.parent) for file in (paths if series else paths[:3])}
-
-
-def read_record(path: Path) -> bytes | OSError:
-    """Content of a study's record, or why it cannot be read."""
-    return _content(path.with_suffix(".json"), path.parent)
+    """Contents of a CSV, its records and, if asked for, its `series_paths`, as `read_records`."""
+    paths = (path, path.with_suffix(".json"), run_path(path), *(series_paths(path) * series))
+    return {file: _content(file, path.parent) for file in paths}
 
 
 def read_records(path: Path) -> tuple[bytes | OSError, bytes | OSError]:
     """Contents of the records of a study and of its run, or why they cannot be read."""
-    return read_record(path), _content(run_path(path), path.parent)
+    return _content(path.with_suffix(".json"), path.parent), _content(run_path(path), path.parent)
 
 
 def _content(file: Path, folder: Path) -> bytes | OSError:

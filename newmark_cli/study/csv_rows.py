@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,12 +17,7 @@ from newmark_cli.support.spelling import nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Axes that a CSV has a column for, besides the step size.
-_AXES = (
-    axes.STUDY,
-    *(axis for axis in axes.cell_axes() if axis.column and axis.series),
-    *axes.row_axes(),
-)
+_AXES = tuple(axis for axis in csv_files.AXES if axis.name not in NUMBERS)
 #: Columns that tell the rows of one step size apart.
 SERIES = tuple(axis.name for axis in _AXES)
 #: Files in a results folder that are not studies.
@@ -48,15 +43,10 @@ def study_files(folder: Path) -> list[Path]:
 def named_studies(folder: Path, names: Sequence[str]) -> list[str]:
     """Names of studies in a results folder: those that are asked for, in the folder's order."""
     there = [file.stem for file in study_files(folder)]
-    require_known(folder, names, there)
-    return [name for name in there if name in names or not names]
-
-
-def require_known(folder: Path, names: Iterable[str], known: Sequence[str]) -> None:
-    """Refuse the name of a study that a results folder does not have."""
     for name in names:
-        if name not in known:
-            raise ResultsError(f"{folder}: no results of {name!r}{nearest(name, known)}")
+        if name not in there:
+            raise ResultsError(f"{folder}: no results of {name!r}{nearest(name, there)}")
+    return [name for name in there if name in names or not names]
 
 
 def read_csv(
@@ -160,7 +150,7 @@ def _numbers(path: Path, lines: Sequence[int], column: str, texts: Sequence[str]
 
 def read_record(path: Path) -> dict[str, Any]:
     """The record next to a CSV; empty where there is none that can be read."""
-    return parsed(csv_files.read_record(path))
+    return parsed(csv_files.read_records(path)[0])
 
 
 def mapping(record: Mapping[str, Any], key: str) -> Mapping[str, Any]:

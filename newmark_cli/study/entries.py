@@ -6,8 +6,8 @@ configs values are spelled as in CSVs.
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from types import NoneType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -87,12 +87,7 @@ def optional(kind: Any, about: str) -> tuple[Any, Any]:
 
 def chosen(axis: Axis) -> tuple[Any, Any]:
     """Key of an expectation that an axis has: values as a case spells them, or as the CSV does."""
-    annotation = keys.annotation(axis)
-    # Of `OneOrMore[Item]`, or of `Item | None`.
-    inner = get_args(annotation)
-    item = (
-        get_args(inner[0])[0] if axis.many else next(part for part in inner if part is not NoneType)
-    )
+    item = keys.value_of(axis)
 
     def read(value: Any, parse: Callable[[Any], Any], info: ValidationInfo) -> str:
         if info.context is LABELLED:
@@ -100,12 +95,14 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
                 raise ValueError(f"not a label: {value!r}")
             return axis.same(value)
         try:
-            return _label(axis, axis.value(parse(value)))
+            given = axis.value(parse(value))
         except ValidationError:
             # A file by its label, a scaling of one's own by its name, a test as the CSV has it.
             if axis.name in ("problem", "preconditioning", "stop") and isinstance(value, str):
                 return axis.same(value)
             raise
+        # As the CSV has it, where it does not depend on other axes.
+        return axis.same(str(axis.usual if given is None else label(given)))
 
     def written(schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchema:
         of_item = handler(schema)
@@ -116,11 +113,6 @@ def chosen(axis: Axis) -> tuple[Any, Any]:
     ]
     about = f"{axis.title} of the series, as in a case or as in the CSV; any when omitted"
     return optional(values, about)
-
-
-def _label(axis: Axis, value: Any) -> str:
-    """A value of a cell as the CSV has it, where it does not depend on other axes."""
-    return axis.same(str(axis.usual if value is None else label(value)))
 
 
 def _series_keys() -> dict[str, Any]:
@@ -417,7 +409,7 @@ class _Tabulates(_Heads):
                 yield misfit("columns", f"{axis} already tells the rows apart")
         if self.columns is not None and self.headings is not None:
             yield misfit("headings", "are columns one by one; leave out columns")
-        if (self.columns or self.headings) and not self.rows:
+        if self.across and not self.rows:
             yield misfit("rows", "missing: the axes that tell rows apart")
 
 
@@ -504,16 +496,7 @@ def _is_of_the_past(entry: Any) -> bool:
     return any(isinstance(value, str) and value in RETIRED for value in values)
 
 
-def figures(config: Any) -> tuple[FigureConfig, ...]:
-    """Figures of a record or a shipped config; see `recorded`."""
-    return recorded(config, "figures")
-
-
-def tables(config: Any) -> tuple[TableConfig, ...]:
-    """Tables of a record or a shipped config; see `recorded`."""
-    return recorded(config, "tables")
-
-
-def expectations(config: Any) -> tuple[ExpectConfig, ...]:
-    """Expectations of a record or a shipped config; see `recorded`."""
-    return recorded(config, "expect")
+#: Entries of each key of a record or a shipped config; see `recorded`.
+figures: Callable[[Any], tuple[FigureConfig, ...]] = partial(recorded, key="figures")
+tables: Callable[[Any], tuple[TableConfig, ...]] = partial(recorded, key="tables")
+expectations: Callable[[Any], tuple[ExpectConfig, ...]] = partial(recorded, key="expect")

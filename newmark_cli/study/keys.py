@@ -1,11 +1,10 @@
 """Types of the keys of a study config, which pydantic checks."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import MISSING, fields
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
@@ -18,33 +17,15 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from newmark_cli.newmark import steps
+from newmark_cli.newmark import formulation, integrator, scheme, steps
 from newmark_cli.newmark.forms import INDEX_3
-from newmark_cli.newmark.formulation import (
-    METHODS,
-    PROJECTIONS,
-    REPORTED,
-    Formulation,
-    Projection,
-)
-from newmark_cli.newmark.integrator import (
-    FIELDS,
-    INTEGRATORS,
-    TRAPEZOIDAL_NAME,
-    Integrator,
-    IntegratorError,
-    parameters,
-)
+from newmark_cli.newmark.formulation import Formulation, Projection
+from newmark_cli.newmark.integrator import FIELDS, Integrator
 from newmark_cli.newmark.kept import KEEPABLE, Kept
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, SPARSE, STATIC, Krylov
+from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.own_integrator import NAMED, OwnIntegrator
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
-from newmark_cli.newmark.scheme import (
-    BY_FIELD,
-    CORRECTION,
-    RESIDUAL,
-    Tolerance,
-)
+from newmark_cli.newmark.scheme import Tolerance
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
 from newmark_cli.study import axes, own_classes
 from newmark_cli.study.axes import SATURATION
@@ -65,13 +46,13 @@ from newmark_cli.study.kinds import (
 from newmark_cli.study.measures import MEASURES
 from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
-from newmark_cli.support.documents import WHOLE, Document, Number, StrictModel, misfit
+from newmark_cli.support.documents import WHOLE, Document, Number, RuledModel, StrictModel, misfit
 from newmark_cli.support.errors import warn
 from newmark_cli.support.json_schema import JsonSchema, Shown
 from newmark_cli.support.spelling import closest
 
 
-class Valued(StrictModel):
+class Valued(RuledModel):
     """Keys that stand for a value of the core."""
 
     def value(self) -> Any:
@@ -82,12 +63,12 @@ class Valued(StrictModel):
 Value = TypeVar("Value", bound=Valued)
 
 
-def read(name: str, value: Any, model: type[Value]) -> Any:
+def read(name: str, value: Any, model: type[Value], around: Surroundings | None = None) -> Any:
     """The core's value of what a command line, or a function of the library, is given.
 
     The model is that of the config's key, and errors are those of a config, under the name.
     """
-    return documents.validate(Document.of(name, value), model).value()
+    return documents.validate(Document.of(name, value), model, context=around).value()
 
 
 class OwnScaling(Valued):
@@ -101,11 +82,9 @@ class OwnScaling(Valued):
         {}, description="unknown u, v, a, lambda → monomial in beta, gamma and h"
     )
 
-    @model_validator(mode="after")
-    def _not_a_variant(self) -> "OwnScaling":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.name in VARIANTS:
-            raise misfit("name", f"{self.name!r} is a variant of the paper; take another name")
-        return self
+            yield misfit("name", f"{self.name!r} is a variant of the paper; take another name")
 
     def value(self) -> Preconditioning:
         """The core's value."""
@@ -127,7 +106,7 @@ class MethodConfig(Valued):
     """A method and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     AXIS: ClassVar[Axis]
-    METHODS: ClassVar[Iterable[str]] = ()
+    METHODS: ClassVar[Mapping[str, Any]] = {}
     method: str
 
     @classmethod
@@ -177,18 +156,18 @@ class MethodConfig(Valued):
         values = self.model_dump(exclude={"method"}, exclude_none=True)
         return {name: float(value) for name, value in values.items()}
 
-    def _refuse_others(self, allowed: Collection[str], owners: Mapping[str, str]) -> None:
-        """Refuse parameters of other methods, by parameter and method in ``owners``."""
+    def _of_others(self, methods: Mapping[str, Collection[str]]) -> Iterator[PydanticCustomError]:
+        """Misfits of parameters of other methods, from method → its parameters."""
+        allowed = methods.get(self.method, ())
         has = f"has {' or '.join(allowed)}" if allowed else "has no parameters"
-        documents.together(
-            misfit(
-                name,
-                f"is not a parameter of {self.method}, which {has}; it belongs to "
-                f"{owners[name]}: {self.example(owners[name])}",
-            )
-            for name in self.parameters()
-            if name not in allowed
-        )
+        owners = {name: method for method in [*methods][::-1] for name in methods[method]}
+        for name in self.parameters():
+            if name not in allowed:
+                yield misfit(
+                    name,
+                    f"is not a parameter of {self.method}, which {has}; it belongs to "
+                    f"{owners[name]}: {self.example(owners[name])}",
+                )
 
     @property
     def label(self) -> str:
@@ -196,20 +175,15 @@ class MethodConfig(Valued):
         return str(self.value().label)
 
 
-def _or_own(value: Any, handler: Callable[[Any], Any]) -> Any:
-    """The name of a method, or of a class in a file."""
-    return value if isinstance(value, str) and NAMED.fullmatch(value) else handler(value)
-
-
 class IntegratorConfig(MethodConfig):
     """An integrator and its parameters: a mapping, or text such as ``hht alpha=0.1``."""
 
     AXIS = axes.named("integrator")
-    METHODS = INTEGRATORS
+    METHODS = integrator.INTEGRATORS
     method: Annotated[
         str,
-        Known("method", INTEGRATORS),
-        WrapValidator(_or_own),
+        Known("method", METHODS),
+        WrapValidator(lambda given, known: given if NAMED.fullmatch(str(given)) else known(given)),
         Field(description="method, or `file.py:Class` of your own, which needs --allow-code"),
     ] = "newmark"
     beta: Number | None = Field(None, description="β of alpha, and of newmark, 0.25 when omitted")
@@ -225,40 +199,41 @@ class IntegratorConfig(MethodConfig):
         """How a config gives a method."""
         method = method or "generalized-alpha"
         values = _EXAMPLES | _OF_METHOD.get(method, {})
-        return f"{{method: {method}{''.join(f', {n}: {values[n]:g}' for n in parameters(method))}}}"
+        given = (f", {name}: {values[name]:g}" for name in integrator.parameters(method))
+        return f"{{method: {method}{''.join(given)}}}"
 
     @model_validator(mode="before")
     @classmethod
     def _by_another_name(cls, data: Any) -> Any:
-        return {} if data == {"method": TRAPEZOIDAL_NAME} else data
+        return {} if data == {"method": integrator.TRAPEZOIDAL_NAME} else data
 
     @classmethod
     def unknown_key(cls, key: str) -> str:
         """Also where the name of a method stands as a key."""
-        method = closest(key, INTEGRATORS)
+        method = closest(key, cls.METHODS)
         if method is not None:
             return f"unknown key; write {cls.example(method)}"
-        named = [method for method in INTEGRATORS if closest(key, parameters(method))]
+        named = [method for method in cls.METHODS if closest(key, integrator.parameters(method))]
         return f"{super().unknown_key(key)}; for example {cls.example(named[0] if named else '')}"
 
     @model_validator(mode="after")
     def _usable(self, info: ValidationInfo) -> "IntegratorConfig":
         if NAMED.fullmatch(self.method):
-            self._refuse_others((), dict.fromkeys(self.parameters(), "newmark"))
+            documents.together(self._of_others({"newmark": tuple(self.parameters())}))
             self._own = own_classes.loaded(self.method, info.context or Surroundings())
             if self._own.note:
                 warn(f"integrator {self.method}: {self._own.note}")
             return self
-        allowed, values = parameters(self.method), self.parameters()
-        owners = {name: method for method in [*INTEGRATORS][::-1] for name in parameters(method)}
-        self._refuse_others(allowed, owners)
+        allowed, values = integrator.parameters(self.method), self.parameters()
+        methods = {method: integrator.parameters(method) for method in self.METHODS}
+        documents.together(self._of_others(methods))
         example = f"for example {self.example(self.method)}"
         try:
             note = self.value().note
         except TypeError:
             missing = [name for name in allowed if name not in values]
             raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
-        except IntegratorError as error:
+        except integrator.IntegratorError as error:
             raise misfit(str(error).split()[0], f"{error}; {example}") from None
         if note:
             warn(f"integrator {self.method}: {note}")
@@ -268,15 +243,15 @@ class IntegratorConfig(MethodConfig):
         """The core's value."""
         if self._own is not None:
             return self._own
-        integrator: Integrator = INTEGRATORS[self.method](**self.parameters())
-        return integrator
+        made: Integrator = integrator.INTEGRATORS[self.method](**self.parameters())
+        return made
 
 
 class FormulationConfig(MethodConfig):
     """Which constraint rows are solved: a mapping, or text such as ``baumgarte rate=100``."""
 
     AXIS = axes.named("formulation")
-    METHODS = METHODS
+    METHODS = formulation.METHODS
     method: Annotated[str, Known("formulation", METHODS)] = INDEX_3
     rate: Positive | None = Field(None, description="α of baumgarte (1/s), 1000 when omitted")
     rate_h: Positive | None = Field(
@@ -291,13 +266,10 @@ class FormulationConfig(MethodConfig):
         None, description="penalty of augmented-lagrangian itself, in place of factor"
     )
 
-    @model_validator(mode="after")
-    def _usable(self) -> "FormulationConfig":
-        owners = {name: method for method, kind in METHODS.items() for name in kind.parameters}
-        self._refuse_others(METHODS[self.method].parameters, owners)
+    def _misfits(self) -> Iterator[PydanticCustomError]:
+        yield from self._of_others({name: of.parameters for name, of in self.METHODS.items()})
         if len(names := list(self.parameters())) > 1:
-            raise misfit(names[-1], f"give either {' or '.join(names)}, not both")
-        return self
+            yield misfit(names[-1], f"give either {' or '.join(names)}, not both")
 
     def value(self) -> Formulation:
         """The core's value."""
@@ -308,17 +280,15 @@ class ProjectionConfig(MethodConfig):
     """What is projected after each step: a mapping, or text such as ``velocity``."""
 
     AXIS = axes.named("projection")
-    METHODS = PROJECTIONS
-    method: Annotated[str, Known("projection", PROJECTIONS)] = "none"
+    METHODS = formulation.PROJECTIONS
+    method: Annotated[str, Known("projection", METHODS)] = "none"
     accelerations: bool = Field(
         False, description="also replace v' by that of the index-1 system, and change a alike"
     )
 
-    @model_validator(mode="after")
-    def _usable(self) -> "ProjectionConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.accelerations and self.method == "none":
-            raise misfit("accelerations", "needs a projection of velocities, given method none")
-        return self
+            yield misfit("accelerations", "needs a projection of velocities, given method none")
 
     def value(self) -> Projection:
         """The core's value."""
@@ -353,8 +323,7 @@ class SequenceConfig(Valued):
         except SequenceError as error:
             raise PydanticCustomError("sequence", "{message}", {"message": str(error)}) from None
 
-    @model_validator(mode="after")
-    def _usable(self) -> "SequenceConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         given = self.model_dump(exclude_none=True)
         kinds = [kind for kind in SEQUENCES if kind in type(self).model_fields]
         chosen = [kind for kind in kinds if kind in given]
@@ -363,17 +332,18 @@ class SequenceConfig(Valued):
             raise ValueError(f"needs one of {listed}, given {', '.join(sorted(given))}")
         for kind in chosen:
             parts = {part.name: part.default for part in fields(SEQUENCES[kind])}
-            if others := sorted(given.keys() - parts):
-                raise misfit(others[0], f"does not belong to {kind}")
+            others = sorted(given.keys() - parts)
             missing = [name for name in parts if parts[name] is MISSING and name not in given]
-            if missing:
-                raise misfit(kind, f"needs {missing[0]}")
-        try:
-            self.value()
-        except SequenceError as error:
-            name, _, why = str(error).partition(": ")
-            raise misfit(name, why) from None
-        return self
+            try:
+                if others:
+                    yield misfit(others[0], f"does not belong to {kind}")
+                elif missing:
+                    yield misfit(kind, f"needs {missing[0]}")
+                else:
+                    self.value()
+            except SequenceError as error:
+                name, _, why = str(error).partition(": ")
+                yield misfit(name, why)
 
     def value(self) -> StepSequence:
         """The core's value."""
@@ -408,7 +378,7 @@ class StopConfig(Valued):
     by field on what a correction changes, each field with parts of its own.
     """
 
-    test: Annotated[str, Known("test", (CORRECTION, RESIDUAL))] | None = Field(
+    test: Annotated[str, Known("test", (scheme.CORRECTION, scheme.RESIDUAL))] | None = Field(
         None, description="what is looked at, if not single fields; default: correction"
     )
     absolute: Positive | None = Field(None, description="bound of what is looked at")
@@ -432,7 +402,7 @@ class StopConfig(Valued):
         limits: dict[str, Any] = {}
         of = limits
         for word in words:
-            if word.endswith(RESIDUAL):
+            if word.endswith(scheme.RESIDUAL):
                 limits["test"] = word
             elif word in (*FIELDS, "lambda"):
                 of = limits[word] = {}
@@ -446,14 +416,12 @@ class StopConfig(Valued):
         named = zip((*FIELDS, "lambda"), (self.u, self.v, self.a, self.lambda_), strict=True)
         return {name: limits for name, limits in named if limits is not None}
 
-    @model_validator(mode="after")
-    def _given(self) -> "StopConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         keys = [key for key in ("test", "absolute", "relative") if getattr(self, key) is not None]
         if self._fields and keys:
-            raise misfit(keys[0], "not with fields, which have their own limits")
+            yield misfit(keys[0], "not with fields, which have their own limits")
         if not self._fields and self.absolute is None and self.relative is None:
             raise ValueError("needs absolute or relative")
-        return self
 
     def value(self) -> Tolerance:
         """The core's value."""
@@ -461,7 +429,7 @@ class StopConfig(Valued):
             (name, limits.absolute or 0.0, limits.relative or 0.0)
             for name, limits in self._fields.items()
         )
-        test = BY_FIELD if fields else self.test or CORRECTION
+        test = scheme.BY_FIELD if fields else self.test or scheme.CORRECTION
         return Tolerance(self.absolute or 0.0, self.relative or 0.0, test, fields)
 
 
@@ -480,11 +448,6 @@ class KrylovConfig(Valued):
         return Krylov(self.tolerance, self.limit)
 
 
-_StopOrText = Annotated[
-    StopConfig, Shown(lambda schema, handler: {"anyOf": [handler(schema), {"type": "string"}]})
-]
-
-
 def _preconditioning(value: Any) -> Any:
     if isinstance(value, str) and value.endswith("]"):  # as CSVs have a scaling of one's own
         own = Preconditioning.parse(value)
@@ -494,14 +457,6 @@ def _preconditioning(value: Any) -> Any:
     if not isinstance(value, str) or value not in VARIANTS:
         raise unknown("preconditioning", value, VARIANTS)
     return value
-
-
-def _auto_alone(solvers: tuple[str, ...]) -> tuple[str, ...]:
-    if AUTO in solvers and {DENSE, SPARSE, STATIC} & set(solvers):
-        raise ValueError(
-            f"{AUTO} stands for {DENSE}, {STATIC} or {SPARSE}, which is then given twice"
-        )
-    return solvers
 
 
 class TrajectoryConfig(Valued):
@@ -520,11 +475,9 @@ class TrajectoryConfig(Valued):
         "are missed; default: all but drift",
     )
 
-    @model_validator(mode="after")
-    def _consistent(self) -> "TrajectoryConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.every is not None and self.at is not None:
-            raise misfit("at", "give either every or at, not both")
-        return self
+            yield misfit("at", "give either every or at, not both")
 
     def value(self) -> Kept:
         """The core's value."""
@@ -539,42 +492,37 @@ class ErrorConfig(Valued):
         description="motion: from the start to t_end; or from a time to a later one, [t0, t1] (s)"
     )
 
-    @model_validator(mode="after")
-    def _ascends(self) -> "ErrorConfig":
+    def _misfits(self) -> Iterator[PydanticCustomError]:
         if self.over != "motion" and not 0 <= self.over[0] < self.over[1]:
             since, until = self.over
             text = f"must be [t0, t1] with 0 ≤ t0 < t1, given [{since:g}, {until:g}]"
-            raise misfit("over", text)
-        return self
+            yield misfit("over", text)
 
     def value(self) -> Window:
         """The core's value."""
         return Window() if self.over == "motion" else Window(*map(float, self.over))
 
 
-#: Key of a case → what a config may give, where that is not a name, or a list of names.
-_GIVEN: Mapping[str, Any] = {
-    "problem": OneOrMore[
-        Annotated[Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)]
+#: Key of a case → one of its values along an axis, or a setting, where that is not a name.
+_VALUES: Mapping[str, Any] = {
+    "problem": Annotated[
+        Any, BeforeValidator(problem_of), PlainSerializer(lambda problem: problem.given)
     ],
-    "integrator": OneOrMore[IntegratorConfig],
-    "preconditioning": OneOrMore[Annotated[Any, BeforeValidator(_preconditioning)]],
-    "linear_solver": Annotated[
-        OneOrMore[Annotated[str, Known("linear solver", LINEAR_SOLVERS)]],
-        AfterValidator(_auto_alone),
-    ],
-    "formulation": OneOrMore[FormulationConfig],
-    "projection": OneOrMore[ProjectionConfig],
-    "multipliers": OneOrMore[
-        Annotated[str, Known("multipliers", (AUTO, *REPORTED), axes.named("multipliers"))]
+    "integrator": IntegratorConfig,
+    "preconditioning": Annotated[Any, BeforeValidator(_preconditioning)],
+    "formulation": FormulationConfig,
+    "projection": ProjectionConfig,
+    "multipliers": Annotated[
+        str, Known("multipliers", (AUTO, *formulation.REPORTED), axes.named("multipliers"))
     ],
     "stop": Annotated[
-        _StopOrText | None, BeforeValidator(lambda value: None if value == SATURATION else value)
-    ],
-    "h_sequence": OneOrMore[SequenceConfig],
-    # As choices have them; a case gives `newmark_cli.study.other_codes.Codes`.
-    "code": OneOrMore[OneLine],
-    "h": OneOrMore[Positive],
+        StopConfig, Shown(lambda schema, handler: {"anyOf": [handler(schema), {"type": "string"}]})
+    ]
+    | None,
+    "h_sequence": SequenceConfig,
+    # As choices have it; a case gives `newmark_cli.study.other_codes.Codes`.
+    "code": OneLine,
+    "h": Positive,
     "t_end": Positive | None,
     "steps": StepCount | None,
     "measure": OneOrMore[Annotated[str, Known("measure", MEASURES)]],
@@ -588,7 +536,14 @@ _GIVEN: Mapping[str, Any] = {
 }
 
 
+def value_of(axis: Axis) -> Any:
+    """One value along an axis, or a setting, as a config may give it, for pydantic."""
+    return _VALUES.get(axis.name, Annotated[str, Known(axis.title, axis.names, axis)])
+
+
 def annotation(axis: Axis) -> Any:
     """What a config may give along an axis, for pydantic."""
-    of_names = OneOrMore[Annotated[str, Known(axis.title, axis.names, axis)]]
-    return _GIVEN.get(axis.name, of_names)
+    if axis.name == "stop":
+        usual = BeforeValidator(lambda value: None if value == SATURATION else value)
+        return Annotated[value_of(axis), usual]
+    return OneOrMore[value_of(axis)] if axis.many else value_of(axis)  # type: ignore[misc]

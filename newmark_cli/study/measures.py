@@ -148,7 +148,6 @@ class Measure:
     solvers: tuple[str, ...] = ()  #: linear solvers that it is about; any when empty
     #: whether it is taken at t_end, which must then be a whole number of steps
     at_end: bool = False
-    reference: bool = False  #: whether it needs the solution at the end
     twins: bool = False  #: whether twins of the march tell the rounding of its rows
 
 
@@ -195,15 +194,12 @@ def _bound_of_correction(key: SeriesKey) -> str:
     return _orders_of(key).bounded.get(key.quantity, "")
 
 
-def _order_of_unit(key: SeriesKey) -> int:
-    """Order of the unit of a correction: scaled ones are divided by their factor in D_R."""
-    return _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
-
-
 def _order_of_correction(key: SeriesKey) -> float:
     if key.stop != SATURATION or not _march_of(key).settles:
         return np.nan  # Newton does not end where rounding stops it
-    return _orders_of(key).physical_corrections()[key.quantity] - _order_of_unit(key)
+    # Scaled ones are divided by their factor in D_R.
+    unit = _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
+    return _orders_of(key).physical_corrections()[key.quantity] - unit
 
 
 def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
@@ -372,7 +368,6 @@ _MEASURES = (
             _over_motion(WINDOWED, "in a window", since_start=False),
         ),
         at_end=True,
-        reference=True,
         twins=True,
     ),
     Measure(

@@ -11,9 +11,8 @@ from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import ForcedMechanism, ProblemSpec, with_ending
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.problems.problem import Problem
-from newmark_cli.study import shipped as _shipped
-from newmark_cli.study.config import parse, shipped, warn_of
-from newmark_cli.study.keys import IntegratorConfig
+from newmark_cli.study import keys, shipped
+from newmark_cli.study.config import parse, warn_of
 from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, StrictModel
@@ -23,9 +22,9 @@ from newmark_cli.support.spelling import degrees_of_freedom, nearest
 
 def is_study(subject: str) -> bool:
     """Whether it is the name or file of a study rather than of a problem; refuses anything else."""
-    known = (*shipped(), *registry.PROBLEMS, *FAMILIES)
+    known = (*shipped.names(), *registry.PROBLEMS, *FAMILIES)
     if subject in known:
-        return subject in shipped()
+        return subject in shipped.names()
     name = with_ending(subject)
     if Path(name).suffix in (".yaml", ".yml"):
         return not loading.is_mechanism(documents.read(Path(name), name).data)
@@ -50,21 +49,17 @@ class _OneProblem(StrictModel):
     problem: Annotated[Any, BeforeValidator(problem_of)]
 
 
-def integrator_named(text: str) -> Integrator:
+def integrator_named(text: str, allow_code: bool = True) -> Integrator:
     """Integrator that a command line names, which may be code."""
-    document = Document.of(documents.GIVEN, {"integrator": text})
-    given = documents.validate(document, _OneIntegrator, context=Surroundings(allow_code=True))
-    return given.integrator.value()
-
-
-class _OneIntegrator(StrictModel):
-    integrator: IntegratorConfig
+    around = Surroundings(allow_code=allow_code)
+    integrator: Integrator = keys.read("--integrator", text, keys.IntegratorConfig, around)
+    return integrator
 
 
 def describe(name: str, allow_code: bool) -> list[str]:
     """Contents of a valid config or mechanism, in a line or a few."""
-    if name in shipped():
-        path = _shipped.folder() / f"{name}.yaml"
+    if name in shipped.names():
+        path = shipped.folder() / f"{name}.yaml"
     elif name in registry.PROBLEMS:
         path = registry.file(name)
     else:

@@ -13,9 +13,8 @@ from newmark_cli.newmark.floor import floor, unpredicted
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.invariants import Misfit, misfits
 from newmark_cli.newmark.invariants import invariants as sampled_invariants
-from newmark_cli.newmark.kept import DRIFT, ENERGY, KEPT, OUTPUT, Kept
+from newmark_cli.newmark.kept import DRIFT, ENERGY, OUTPUT, Kept
 from newmark_cli.newmark.march import March, Stretch
-from newmark_cli.newmark.march_data import State
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement, standard_error, statistics
 from newmark_cli.newmark.steps import Change
@@ -36,11 +35,6 @@ MOST_LOOKS, AFTER = 200, 40
 #: Quantity → (samples, k) by how much components of it are off at each sample, with their
 #: signs, in the unit of the row, whose statistics are those of the largest of each sample.
 Deviations = Mapping[str, Array]
-
-
-def _at_samples(samples: Mapping[str, Sequence[Array]]) -> Deviations:
-    """Deviations of quantities from their samples, of which there may be none."""
-    return {name: np.array(off) if off else np.zeros((0, 1)) for name, off in samples.items()}
 
 
 def _of_largest(measure: str, deviations: Deviations) -> list[Measurement]:
@@ -67,6 +61,10 @@ class Observer:
 
     def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
         self.cell, self.march, self.problem, self.reference = cell, march, march.problem, reference
+        self.prepare()
+
+    def prepare(self) -> None:
+        """The march stands at its start."""
 
     def took(self, stretch: Stretch) -> None:
         """The march took these steps."""
@@ -101,9 +99,8 @@ def sample_steps(steps: int, samples: int) -> IndexArray:
 class _Sampler(Observer):
     """Sees the march at evenly spread steps."""
 
-    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
-        super().__init__(cell, march, reference)
-        self.stops = frozenset(sample_steps(cell.steps, cell.samples).tolist())
+    def prepare(self) -> None:
+        self.stops = frozenset(sample_steps(self.cell.steps, self.cell.samples).tolist())
         self.samples: list[Any] = []
 
     def sees(self, march: March) -> None:
@@ -114,24 +111,11 @@ class _Sampler(Observer):
         raise NotImplementedError
 
 
-def _rows_of_corrections(scheme: Scheme) -> list[tuple[str, str, str]]:
-    """Measure, quantity and role of each row that a march has of its corrections."""
-    form, roles = scheme.form, dict.fromkeys(scheme.form.eliminated, "recovered")
-    return [
-        *(("correction", unknown, "primary") for unknown in form.unknowns),
-        *(
-            ("physical_correction", quantity, roles.get(quantity, "primary"))
-            for quantity in (*FIELDS, *form.multipliers)
-        ),
-    ]
-
-
 class _Corrections(Observer):
     """The last decreasing corrections of each step."""
 
-    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
-        super().__init__(cell, march, reference)
-        self._norms = [np.zeros((0, len(march.scheme.recorded)))]
+    def prepare(self) -> None:
+        self._norms = [np.zeros((0, len(self.march.scheme.recorded)))]
         self._iterations = [np.zeros(0, np.int64)]
 
     def took(self, stretch: Stretch) -> None:
@@ -188,14 +172,18 @@ def corrections(
     did not converge and are left out.
     """
     physical = physical_norms(scheme, norms) if physical is None else physical
-    counted = iterations > 0
+    form, counted = scheme.form, iterations > 0
     scaled = dict(zip(scheme.recorded, norms.T, strict=True))
-    rows = []
-    for measure, quantity, role in _rows_of_corrections(scheme):
-        values = (scaled if measure == "correction" else physical)[quantity][counted]
-        of_steps = replace(statistics(values), rounding=standard_error(values))
-        rows.append(Measurement(quantity, measure, role, of_steps))
-    return rows
+    rows = [("correction", unknown, scaled[unknown]) for unknown in form.unknowns]
+    physical_rows = (*FIELDS, *form.multipliers)
+    rows += [("physical_correction", quantity, physical[quantity]) for quantity in physical_rows]
+    measurements = []
+    for measure, quantity, values in rows:
+        kept = values[counted]
+        of_steps = replace(statistics(kept), rounding=standard_error(kept))
+        role = "recovered" if quantity in form.eliminated else "primary"
+        measurements.append(Measurement(quantity, measure, role, of_steps))
+    return measurements
 
 
 class _Iterations(_Corrections):
@@ -242,29 +230,42 @@ class _Sensitivities(_Sampler):
 class _Errors(Observer):
     """Errors of the final state."""
 
-    deviations: Deviations = {}
-
-    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
-        super().__init__(cell, march, reference)
-        self.stops = frozenset((cell.steps,))
+    def prepare(self) -> None:
+        self.stops = frozenset((self.cell.steps,))
+        self._seen: list[tuple[float, Array, Array, Array]] = []
 
     def sees(self, march: March) -> None:
-        self.deviations = errors(self.reference, march.seen, march.problem, march.t)
+        state = march.seen
+        u, v = np.asarray(state.fields[:2], float)
+        self._seen.append((march.t, u, v, state.multipliers))
+
+    @cached_property
+    def deviations(self) -> Deviations:
+        if not self._seen or self.reference is None:
+            return _no_errors(self.problem)
+        t, u, v, multipliers = (np.array(of) for of in zip(*self._seen, strict=True))
+        here = parts(self.problem, t, u, v, multipliers)
+        return self.errors(t, here, self.reference) or _no_errors(self.problem)
+
+    def errors(self, t: Array, here: Mapping[str, Array], reference: Reference) -> Deviations:
+        """Those of the states that it has seen, as `parts` has them."""
+        return errors(self.problem, t, here, reference)
 
     def unresolved(self, quantity: str) -> float:
-        return error_of(self.reference, OF_OUTPUTS.get(quantity, quantity))
+        return error_of(self.reference, quantity)
 
     def measured(self) -> list[Measurement]:
-        return _of_largest("error", self.deviations)
+        return _of_largest("error", self.deviations) if self._seen else []
 
 
 def error_of(reference: Any, quantity: str) -> float:
-    """The error of a reference itself; 0 without one."""
-    name = {"lambda": "multipliers"}.get(quantity, quantity)
+    """The error of a reference itself in a quantity; 0 without one."""
+    part = OF_OUTPUTS.get(quantity, quantity)
+    name = {"lambda": "multipliers"}.get(part, part)
     return float(getattr(reference, f"{name}_error", 0.0))
 
 
-def off_outputs(
+def _off_outputs(
     outputs: Outputs, here: Array, there: Array, u: Array
 ) -> Iterator[tuple[str, Array]]:
     """Kind of output → by how much those of that kind are off, relative to the largest of them.
@@ -285,43 +286,30 @@ def off_outputs(
         yield kind, relative(here[..., of] - there[..., of], size)
 
 
+def parts(problem: Problem, t: Array, u: Array, v: Array, multipliers: Array) -> dict[str, Array]:
+    """u, v, lambda and, of a problem that has any, output → (k, …) at (k,) times and states."""
+    named = {"u": u, "v": v, "lambda": multipliers}
+    if problem.outputs is not None:
+        states = zip(t, u, v, multipliers, strict=True)
+        named["output"] = np.array([problem.outputs.values(problem, *state) for state in states])
+    return named
+
+
 def errors(
-    reference: Reference | None, state: State, problem: Problem | None = None, t: float = 0.0
+    problem: Problem, t: Array, here: Mapping[str, Array], reference: Reference
 ) -> Deviations:
     """Errors of a final state, component by component, relative to the largest component.
 
-    Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.  Without a
-    reference there are none; of a problem with outputs there are errors of these, too.
+    Errors of λ are relative to `newmark_cli.problems.reference.Reference.scales`.
+
+    Args:
+        problem: What was marched.
+        t: (1,) time of the state (s).
+        here: Part → (1, …) values of the state; what is missing has no errors.
+        reference: The motion at that time.
     """
-    off = _no_errors(problem)
-    if reference is None:
-        return off
-    u, v = np.asarray(state.fields[:2], float)
-    off["u"], off["v"] = (
-        relative(here - there, float(np.abs(there).max()))[None]
-        for here, there in ((u, reference.u), (v, reference.v))
-    )
-    off["lambda"] = relative(state.multipliers - reference.multipliers, reference.scales)[None]
-    if problem is not None and problem.outputs is not None:
-        here, there = (
-            problem.outputs.values(problem, t, *of)
-            for of in (
-                (u, v, np.asarray(state.multipliers, float)),
-                (reference.u, reference.v, reference.multipliers),
-            )
-        )
-        off |= {
-            kind: of[None] for kind, of in off_outputs(problem.outputs, here, there, reference.u)
-        }
-    return off
-
-
-def _no_errors(problem: Problem | None) -> dict[str, Array]:
-    """Quantity that has errors → none of it, as `Deviations`."""
-    outputs = problem.outputs.names if problem is not None and problem.outputs is not None else ()
-    kinds = {kind_of(name) for name in outputs}
-    names = ("u", "v", "lambda", *(kind for kind in OF_OUTPUTS if kind in kinds))
-    return {name: np.zeros((0, 1)) for name in names}
+    motion = reference.u[None], reference.v[None], reference.multipliers[None]
+    return _relative_errors(problem, here, parts(problem, t, *motion), reference.scales)
 
 
 def motion_errors(problem: Problem, t: Array, here: Mapping[str, Array]) -> Deviations:
@@ -330,8 +318,7 @@ def motion_errors(problem: Problem, t: Array, here: Mapping[str, Array]) -> Devi
     Args:
         problem: What was marched.
         t: (k,) times (s), ascending.
-        here: u, v, lambda and, of a problem that has any, output → (k, …) at these times; what
-            is missing has no errors.
+        here: Part → (k, …) values at these times; what is missing has no errors.
     """
     if not len(t):
         return {}
@@ -339,28 +326,35 @@ def motion_errors(problem: Problem, t: Array, here: Mapping[str, Array]) -> Devi
         motion = references.along(problem, t - problem.t0)
     except references.NoReference:
         return {}
-    there = dict(zip(("u", "v", "lambda"), motion, strict=True))
-    end = motion[0][-1]
+    there = parts(problem, t, *motion)
+    scales = np.abs(there["lambda"]).max(axis=0)
+    if problem.m:
+        scales = weights(problem, float(t[-1]), there["u"][-1]).scales(scales)
+    return _relative_errors(problem, here, there, scales)
+
+
+def _relative_errors(
+    problem: Problem, here: Mapping[str, Array], there: Mapping[str, Array], scales: Array
+) -> Deviations:
+    """Errors of parts of a march, those of λ relative to the scales."""
     sizes: dict[str, Any] = {name: float(np.abs(there[name]).max()) for name in ("u", "v")}
     if problem.m:
-        largest = np.abs(there["lambda"]).max(axis=0)
-        sizes["lambda"] = weights(problem, float(t[-1]), end).scales(largest)
+        sizes["lambda"] = scales
     off = {
         name: relative(here[name] - there[name], size)
         for name, size in sizes.items()
         if name in here
     }
     if problem.outputs is not None and "output" in here:
-        exact = outputs_along(problem, t, motion)
-        off |= dict(off_outputs(problem.outputs, here["output"], exact, end))
+        off |= _off_outputs(problem.outputs, here["output"], there["output"], there["u"][-1])
     return off
 
 
-def outputs_along(problem: Problem, t: Array, states: references.States) -> Array:
-    """(k, …) outputs of a problem that has some at (k,) times and states."""
-    assert problem.outputs is not None
-    along = zip(t, *states, strict=True)
-    return np.array([problem.outputs.values(problem, *state) for state in along])
+def _no_errors(problem: Problem) -> dict[str, Array]:
+    """Quantity that has errors → none of it, as `Deviations`."""
+    kinds = {kind_of(name) for name in problem.outputs.names} if problem.outputs else set()
+    names = ("u", "v", "lambda", *(kind for kind in OF_OUTPUTS if kind in kinds))
+    return {name: np.zeros((0, 1)) for name in names}
 
 
 def looked_at(first: int, last: int, changes: Sequence[int] = ()) -> IndexArray:
@@ -378,39 +372,22 @@ def looked_at(first: int, last: int, changes: Sequence[int] = ()) -> IndexArray:
     return steps[(steps >= first) & (steps <= last)]
 
 
-class _MotionErrors(Observer):
+class _MotionErrors(_Errors):
     """Errors over the motion, or a part of it."""
 
-    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
-        super().__init__(cell, march, reference)
+    def prepare(self) -> None:
+        super().prepare()
+        cell, t0, grid = self.cell, self.problem.t0, self.march.grid
         assert cell.error is not None
-        # A twin's problem begins elsewhere.
-        self._problem = cell.problem.load()
-        t0, grid = self._problem.t0, march.grid
         since, until = cell.error.since, cell.error.until
         first = grid.reaching(t0 + since) + 1
         last = cell.steps if until is None else min(grid.reaching(t0 + until), cell.steps)
         change = cell.h_sequence.at if isinstance(cell.h_sequence, Change) else -1.0
         changes = [grid.reaching(t0 + change) + 1] if change >= since else []
         self.stops = frozenset(looked_at(first, last, changes).tolist())
-        self._seen: list[tuple[float, Array, Array, Array]] = []
 
-    def sees(self, march: March) -> None:
-        u, v = np.asarray(march.here.fields[:2], float)
-        self._seen.append((march.t, u, v, march.multipliers))
-
-    @cached_property
-    def deviations(self) -> Deviations:
-        if not self._seen or self.reference is None:
-            return _no_errors(self._problem)
-        t, *states = (np.array(of) for of in zip(*self._seen, strict=True))
-        here = dict(zip(("u", "v", "lambda"), states, strict=True))
-        if self._problem.outputs is not None:
-            here["output"] = outputs_along(self._problem, t, (states[0], states[1], states[2]))
-        return motion_errors(self._problem, t, here) or _no_errors(self._problem)
-
-    def unresolved(self, quantity: str) -> float:
-        return error_of(self.reference, OF_OUTPUTS.get(quantity, quantity))
+    def errors(self, t: Array, here: Mapping[str, Array], reference: Reference) -> Deviations:
+        return motion_errors(self.problem, t, here)
 
     def measured(self) -> list[Measurement]:
         assert self.cell.error is not None
@@ -463,14 +440,13 @@ class _KrylovSolves(Observer):
 class _Trajectories(Observer):
     """States of the steps that are kept."""
 
-    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
-        super().__init__(cell, march, reference)
-        kept = self._kept = cell.trajectory or Kept()
-        steps = kept.looks(march.grid, cell.steps)
+    def prepare(self) -> None:
+        kept = self._kept = self.cell.trajectory or Kept()
+        steps = kept.looks(self.march.grid, self.cell.steps)
         wanted = {*kept.keep, *(("u", "v") if {ENERGY, DRIFT} & {*kept.keep} else ())}
-        if OUTPUT in kept.keep and march.problem.outputs is not None:
+        if OUTPUT in kept.keep and self.problem.outputs is not None:
             wanted |= {"u", "v", "lambda"}
-        self._recorder = Recorder(march, [name for name in KEPT if name in wanted], len(steps) + 1)
+        self._recorder = Recorder(self.march, [*wanted], len(steps) + 1)
         if steps and steps[0] == 0:
             self._recorder.keep_here()
             steps = steps[1:]
@@ -533,10 +509,10 @@ def over_time(
 class _Floors(_Sampler):
     """Expected sizes of the last corrections, from steps off by rounding."""
 
-    def __init__(self, cell: Cell, march: March, reference: Reference | None) -> None:
-        super().__init__(cell, march, reference)
+    def prepare(self) -> None:
+        super().prepare()
         self._converged = True
-        if unpredicted(march.scheme):
+        if unpredicted(self.march.scheme):
             self.stops = frozenset()
 
     def took(self, stretch: Stretch) -> None:

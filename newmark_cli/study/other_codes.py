@@ -12,15 +12,9 @@ from pydantic import (
     model_validator,
 )
 
+from newmark_cli.codes import programs
 from newmark_cli.codes.given_references import ReferenceFile
-from newmark_cli.codes.programs import (
-    OtherCode,
-    Program,
-    PythonCode,
-    WrittenTable,
-    digest,
-    program_files,
-)
+from newmark_cli.codes.programs import OtherCode
 from newmark_cli.study.axes import OURS
 from newmark_cli.study.keys import Valued
 from newmark_cli.study.kinds import OneLine, OneOrMore, unknown
@@ -81,14 +75,20 @@ class CodeConfig(Valued):
         columns = tuple((name, str(value)) for name, value in self.columns.items())
         if self.command is not None:
             command = tuple(map(str, self.command))
-            content = digest(program_files(command, folder), *command)
-            self._value = Program(self.name, columns, content, command, folder)
+            content = programs.digest(programs.program_files(command, folder), *command)
+            self._value = programs.Program(self.name, columns, content, command, folder)
         elif self.table is not None:
-            self._value = WrittenTable(self.name, columns, digest([path]), path, self.series)
+            self._value = programs.WrittenTable(
+                self.name, columns, programs.digest([path]), path, self.series
+            )
         else:
             arguments = tuple(self.args.items())
-            content = digest([path, *sorted(path.parent.glob("*.py"))], function, repr(arguments))
-            self._value = PythonCode(self.name, columns, content, path, function, arguments)
+            content = programs.digest(
+                [path, *sorted(path.parent.glob("*.py"))], function, repr(arguments)
+            )
+            self._value = programs.PythonCode(
+                self.name, columns, content, path, function, arguments
+            )
         return self
 
     def value(self) -> OtherCode:

@@ -45,15 +45,12 @@ def _made(name: str, path: Path, source: bytes) -> OwnIntegrator:
     """The integrator, in a process apart."""
     file, _, kind = name.rpartition(":")
     try:
-        shown = os.path.dirname(file)
-        with user_code.imports_from(path.parent, shown):
+        with user_code.imports_from(path.parent, os.path.dirname(file)):
             given = getattr(user_code.run(path, source, path.stem), kind, None)
             if given is None:
                 raise InputError(f"{file} has no class {kind}")
             return own_integrator.of(name, given)
-    except InputError:
-        raise
     except BaseException as error:
-        if user_code.is_interrupt(error):
+        if isinstance(error, InputError) or user_code.is_interrupt(error):
             raise
         raise InputError(user_code.described(error, file)) from None

@@ -53,15 +53,15 @@ def record(
         "rows": rows,
         "sha256": dict(checksums),
         "cells": [
-            {
+            _known(
                 **{name: labels[name] for name in axes.present(labels, [labels])},
-                "steps": cell.steps,
-                "status": outcome.status,
-                **({"reason": outcome.reason} if outcome.reason else {}),
-                **({"lacks": list(outcome.lacks)} if outcome.lacks else {}),
-                **({"pivoted_steps": outcome.pivoted} if outcome.pivoted else {}),
-                **({} if outcome.operations is None else {"operations": outcome.operations}),
-            }
+                steps=cell.steps,
+                status=outcome.status,
+                reason=outcome.reason,
+                lacks=list(outcome.lacks),
+                pivoted_steps=outcome.pivoted or None,
+                operations=outcome.operations,
+            )
             for cell, outcome in zip(cells, outcomes, strict=True)
             for labels in (axes.labels(cell),)
         ],
@@ -111,21 +111,24 @@ def run(
             "processors": usable(),
         },
         "jobs": jobs,
-        **({"config_file": origin} if (origin := _origin(study, folder)) else {}),
-        **({"expect": {"file": file, "lines": list(lines)}} if lines else {}),
+        **_known(
+            config_file=_origin(study, folder),
+            expect={"file": file, "lines": list(lines)} if lines else None,
+        ),
         "sha256": dict(checksums),
         "cells": [
-            {
-                "wall_seconds": round(done.seconds, 4),
-                **(
-                    {}
-                    if done.march_seconds is None
-                    else {"march_seconds": float(f"{done.march_seconds:.4g}")}
-                ),
-            }
+            _known(
+                wall_seconds=round(done.seconds, 4),
+                march_seconds=done.march_seconds and float(f"{done.march_seconds:.4g}"),
+            )
             for done in ended
         ],
     }
+
+
+def _known(**facts: Any) -> dict[str, Any]:
+    """Facts, without those that there are none of."""
+    return {name: fact for name, fact in facts.items() if fact not in (None, "", [])}
 
 
 def _origin(study: "Study", folder: Path) -> str:
@@ -165,12 +168,9 @@ def merged(record: Mapping[str, Any], run: Mapping[str, Any]) -> dict[str, Any]:
 
     Records of older versions have both in one.
     """
-    of_run, of_results = run.get("cells"), record.get("cells")
-    if not (isinstance(of_run, list) and isinstance(of_results, list)):
-        return dict(record)
-    if run.get("sha256") != record.get("sha256") or len(of_run) != len(of_results):
-        return dict(record)
-    if not all(isinstance(cell, dict) for cell in (*of_run, *of_results)):
+    of_run, of_results = csv_rows.listed(run, "cells"), csv_rows.listed(record, "cells")
+    same = 0 < len(of_run) == len(of_results) and run.get("sha256") == record.get("sha256")
+    if not (same and all(isinstance(cell, dict) for cell in (*of_run, *of_results))):
         return dict(record)
     cells = [{**result, **of_cell} for result, of_cell in zip(of_results, of_run, strict=True)]
     return {**run, **record, "cells": cells}

@@ -16,28 +16,17 @@ from newmark_cli.codes.misfits import misfits_at
 from newmark_cli.codes.programs import CodeError, RunRequest
 from newmark_cli.codes.reading import Run
 from newmark_cli.newmark.kept import KEPT, Kept
-from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.statistics import Measurement, statistics
-from newmark_cli.newmark.trajectory import Trajectory
-from newmark_cli.newmark.twins import last_places_off, twins
-from newmark_cli.problems.multipliers import relative
+from newmark_cli.newmark.trajectory import Recorder, Trajectory
+from newmark_cli.newmark.twins import last_places_off
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference
-from newmark_cli.study.axes import OURS, Cell
+from newmark_cli.study import observers
+from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome, Window
-from newmark_cli.study.compute import marched, scheme_of, with_rounding
-from newmark_cli.study.measures import OF_OUTPUTS
-from newmark_cli.study.observers import (
-    OBSERVERS,
-    Deviations,
-    error_of,
-    motion_errors,
-    off_outputs,
-    over_time,
-)
-from newmark_cli.study.observers import invariants as compared
-from newmark_cli.study.observers import looked_at as looked_over
+from newmark_cli.study.compute import march_of, twins_of, with_rounding
+from newmark_cli.study.observers import Deviations
 from newmark_cli.support.arrays import Array
 
 #: What can be measured of states alone.
@@ -136,38 +125,25 @@ def measured(
         measure, _, quantity = name.partition(" ")
         row = Measurement(name, measure, "primary", statistics(np.abs(values).max(axis=1)))
         if len(spread) > 1:
-            row = with_rounding(row, spread, _unresolved(measure, quantity, reference))
+            # What is printed of u and v is rounded itself, however well our own march meets it.
+            unsure = _EPS if measure == "invariant" else observers.error_of(reference, quantity)
+            row = with_rounding(row, spread, unsure)
         rows.setdefault(measure, []).append(replace(row, quantity=quantity))
     counts = run.numbers.get("iterations", np.zeros(0))
     counts = counts[counts > 0]
+    given = {*wanted, *([window.record] if window else [])}
     trajectory: Mapping[str, Any] = {}
     if "trajectory" in wanted:
         kept = cell.trajectory or Kept()
-        trajectory, rows["trajectory"] = over_time(problem, kept, _kept_of(run, kept, cell))
+        recorded = _kept_of(run, kept, cell)
+        trajectory, rows["trajectory"] = observers.over_time(problem, kept, recorded)
     return Outcome(
-        measurements=[
-            row
-            for name in wanted
-            for record in _records(name, window)
-            for row in rows.get(record, [])
-        ],
+        measurements=[row for name, of in rows.items() if name in given for row in of],
         not_converged=0,
         newton_iterations=float(np.mean(counts)) if len(counts) else np.nan,
         status="ok",
         trajectory=trajectory,
     )
-
-
-def _records(measure: str, window: Window | None) -> list[str]:
-    return [measure, window.record] if window and measure == "error" else [measure]
-
-
-def _unresolved(measure: str, quantity: str, reference: Reference | None) -> float:
-    """By how much what a quantity deviates from may be off itself."""
-    if measure == "invariant":
-        # What is printed of u and v is rounded itself, however well our own march meets it.
-        return _EPS
-    return error_of(reference, OF_OUTPUTS.get(quantity, quantity))
 
 
 def _kept_of(run: Run, kept: Kept, cell: Cell) -> Trajectory:
@@ -215,18 +191,9 @@ def deviations(
             by_name[name] = off[None, known]
 
     if reference is not None:
-        end = {part: values[-1] for part, values in run.state.items()}
-        for part, there in (("u", reference.u), ("v", reference.v)):
-            note(f"error {part}", relative(end[part] - there, float(np.abs(there).max())))
-        if problem.m:
-            there = reference.multipliers
-            note("error lambda", relative(end["lambda"] - there, reference.scales))
-        if problem.outputs is not None and "output" in run.state:
-            exact = problem.outputs.values(
-                problem, run.t[-1], reference.u, reference.v, reference.multipliers
-            )
-            for kind, off in off_outputs(problem.outputs, end["output"], exact, reference.u):
-                note(f"error {kind}", off)
+        end = {part: values[-1:] for part, values in run.state.items()}
+        for name, off in observers.errors(problem, run.t[-1:], end, reference).items():
+            note(f"error {name}", off[0])
         if window is not None:
             over = _over_window(run, problem, window)
             by_name |= {f"{window.record} {name}": off for name, off in over.items()}
@@ -235,7 +202,8 @@ def deviations(
     if samples:
         names = set(samples[0]).intersection(*samples)
         kept = [{name: sample[name] for name in samples[0] if name in names} for sample in samples]
-        by_name |= {f"invariant {name}": off for name, off in compared(problem, kept).items()}
+        compared = observers.invariants(problem, kept)
+        by_name |= {f"invariant {name}": off for name, off in compared.items()}
     return by_name
 
 
@@ -247,9 +215,9 @@ def _over_window(run: Run, problem: Problem, window: Window) -> Deviations:
     rows = np.flatnonzero((since_start > window.since + slack) & (since_start <= until + slack))
     if not len(rows):
         return {}
-    rows = rows[looked_over(0, len(rows) - 1)]
+    rows = rows[observers.looked_at(0, len(rows) - 1)]
     here = {part: values[rows] for part, values in run.state.items()}
-    off = motion_errors(problem, run.t[rows], here)
+    off = observers.motion_errors(problem, run.t[rows], here)
     # Components without a column, and rows without a number.
     known = {name: of[:, ~np.isnan(of).all(axis=0)] for name, of in off.items()}
     known = {name: of[~np.isnan(of).any(axis=1)] for name, of in known.items()}
@@ -270,28 +238,20 @@ def of_march(cell: Cell, times: Array) -> list[Run]:
 
     Empty where one of them does not arrive there.
     """
-    problem = cell.problem.load()
-    kept = Kept(at=tuple(float(t) for t in times), keep=("u", "v", "lambda"))
-    own = replace(cell, code=OURS, trajectory=kept, measure=("trajectory",))
-    scheme, grid = scheme_of(own), own.grid(problem.t0)
-    marches = [March(problem, scheme, own.solver, own.krylov, grid=grid)]
-    marches += twins(problem, scheme, _TWINS, own.solver, own.krylov, grid)
+    marches = [march_of(cell), *twins_of(cell, _TWINS)]
+    looks = Kept(at=tuple(float(t) for t in times)).looks(marches[0].grid, cell.steps)
     runs = []
     for march in marches:
-        watch = OBSERVERS["trajectory"](own, march, None)
-        counts, _ = marched(march, own.steps, [watch], lambda steps: None)
-        columns = watch.trajectory
-        t = np.asarray(columns["t"], float)
-        arrived = march.ending == COMPLETED and not (counts < 0).any()
-        if not arrived or len(t) < len(np.unique(times)):
+        recorder, converged = Recorder(march, ("u", "v", "lambda")), True
+        if looks[0] == 0:
+            recorder.keep_here()
+        for stretch in march.stretches(cell.steps, looks=[*filter(None, looks)]):
+            recorder.took(stretch)
+            converged = converged and not (stretch.iterations < 0).any()
+        kept = recorder.trajectory()
+        arrived = march.ending == COMPLETED and converged
+        if not arrived or len(kept.t) < len(np.unique(times)):
             return []
-        state = {
-            part: np.array([columns[f"{part}[{name}]"] for name in names]).reshape(-1, len(t)).T
-            for part, names in (("u", problem.coordinate_names), ("v", problem.coordinate_names),
-                                ("lambda", problem.constraint_names))
-        }  # fmt: skip
-        if problem.outputs is not None:
-            rows = zip(t, state["u"], state["v"], state["lambda"], strict=True)
-            state["output"] = np.array([problem.outputs.values(problem, *row) for row in rows])
-        runs.append(Run("", cell.h, 0, t, state, {}))
+        state = observers.parts(march.problem, kept.t, kept.u, kept.v, kept.multipliers)
+        runs.append(Run("", cell.h, 0, kept.t, state, {}))
     return runs

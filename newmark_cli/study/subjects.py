@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Hashable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -9,20 +10,10 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationInfo
 
-from newmark_cli.mechanisms import loading, tables_beside
+from newmark_cli.mechanisms import loading, spec, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
-from newmark_cli.mechanisms.spec import (
-    ForcedMechanism,
-    MechanismFile,
-    ProblemSpec,
-    PythonFactory,
-    Shipped,
-    Sized,
-    inline,
-    name_and_arguments,
-    with_ending,
-)
+from newmark_cli.mechanisms.spec import ProblemSpec
 from newmark_cli.study.kinds import unknown
 from newmark_cli.support import documents
 from newmark_cli.support.documents import misfit
@@ -34,19 +25,13 @@ _LONGEST_LABEL = 2_000
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Context on which a config's meaning depends besides its text.
+    """Context on which a config's meaning depends besides its text."""
 
-    Attributes:
-        folder: Where files that it names are looked for.
-        allow_code: Whether problems in Python may be loaded.
-        timeout: Most wall time of loading one (s).
-        problems: Those of the document that were read, by how it names them, None for one
-            whose mistakes are reported already: what their files said then holds for all of it.
-    """
-
-    folder: Path = Path()
-    allow_code: bool = False
-    timeout: float | None = None
+    folder: Path = Path()  #: where files that it names are looked for
+    allow_code: bool = False  #: whether problems in Python may be loaded
+    timeout: float | None = None  #: most wall time of loading one (s)
+    #: those of the document that were read, by how it names them, None for one whose mistakes are
+    #: reported already: what their files said then holds for all of it
     problems: dict[Hashable, ProblemSpec | None] = field(default_factory=dict, compare=False)
 
 
@@ -58,7 +43,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
     if isinstance(value, str):
         value = _labelled(value, around)
     if loading.is_mechanism(value):
-        return _read_once(repr(value), "", partial(inline, value), around)
+        return _read_once(repr(value), "", partial(spec.inline, value), around)
     if isinstance(value, dict) and "python" in value:
         return _python_problem(value, around)
     if isinstance(value, dict):
@@ -70,7 +55,7 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         # As a mapping, so that a mistake is found under the family's name.
         sizes: Any = dict.__class_getitem__((str, FAMILIES[family].size))
         check: TypeAdapter[Any] = TypeAdapter(sizes)
-        return Sized(family, tuple(check.validate_python(value)[family]))
+        return spec.Sized(family, tuple(check.validate_python(value)[family]))
     if isinstance(value, str) and value in FAMILIES:
         sizes = ", ".join(f"{parameter}: N" for parameter in FAMILIES[value].parameters)
         raise ValueError(f"needs a size: {{{value}: {{{sizes}}}}}")
@@ -80,35 +65,29 @@ def problem_of(value: Any, info: ValidationInfo) -> ProblemSpec:
         return _read_once(value, loading.label(value), read, around)
     if not isinstance(value, str) or value not in PROBLEMS:
         raise unknown("problem", value, (*PROBLEMS, *FAMILIES))
-    return Shipped(value)
+    return spec.Shipped(value)
 
 
 def _labelled(text: str, around: Surroundings) -> Any:
     """What a label stands for, ``chain(links=20)`` or the name of a file without its ending."""
-    name, arguments = name_and_arguments(text)
+    name, arguments = spec.name_and_arguments(text)
     if re.fullmatch(r".+\.py:\w+", name):
         return {"python": name, "args": arguments}
     if name in FAMILIES and arguments:
         return {name: arguments}
-    return text if text in (*PROBLEMS, *FAMILIES) else with_ending(text, around.folder)
+    return text if text in (*PROBLEMS, *FAMILIES) else spec.with_ending(text, around.folder)
 
 
 def _mechanism(path: Path, name: str, around: Surroundings) -> ProblemSpec:
     """What a mechanism file says now."""
-    file = tables_beside.fetch(path, name)
-    if around.allow_code and _has_code(file):
-        return ForcedMechanism(file, path).read(around.timeout)
-    mechanism = MechanismFile(file)
+    file, with_code = tables_beside.fetch(path, name), False
+    with suppress(InputError):  # what is wrong with it is told later
+        with_code = around.allow_code and loading.has_code(file.document().data)
+    if with_code:
+        return spec.ForcedMechanism(file, path).read(around.timeout)
+    mechanism = spec.MechanismFile(file)
     mechanism.load()
     return mechanism
-
-
-def _has_code(file: documents.File) -> bool:
-    """Whether a mechanism file names forces in Python; what is wrong with it is told later."""
-    try:
-        return loading.has_code(file.document().data)
-    except InputError:
-        return False
 
 
 def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
@@ -126,8 +105,8 @@ def _python_problem(value: dict[str, Any], around: Surroundings) -> ProblemSpec:
     if not around.allow_code:
         raise misfit("python", f"{file} is code, which runs only with --allow-code")
     path = (around.folder / file).absolute()
-    spec = PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
-    return _read_once(spec, spec.label, partial(spec.read, around.timeout), around)
+    made = spec.PythonFactory(path, factory, tuple(arguments.items()), str(value["python"]))
+    return _read_once(made, made.label, partial(made.read, around.timeout), around)
 
 
 def _read_once(

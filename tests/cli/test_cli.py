@@ -16,7 +16,7 @@ from conftest import QUICK, rows_in
 from newmark_cli import __version__
 from newmark_cli.cli.commands import cli as command_line
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.study import config, csv_files
+from newmark_cli.study import config, csv_files, shipped
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,7 @@ def test_run_writes_the_contract(computed):
 
 def test_shipped_configs_work_from_any_folder(cli):
     """A name in place of a file; a folder that is called like a config is in nobody's way."""
-    for name in config.shipped():
+    for name in shipped.names():
         (cli.folder / name).mkdir()
     cli("list")
     cli("run", "pendulum-v", "--results", "pendulum-u")

@@ -1,5 +1,8 @@
 """Cells: which states are sampled, and what is told while they run."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from newmark_cli.newmark import perturbation
@@ -48,3 +51,11 @@ def test_initial_state_is_measured_without_steps(monkeypatch):
     (first, *_) = config.find("sensitivity").cells()
     assert compute(first).measurements == []
     assert times == [0.0, 0.0]  # and beside it
+
+
+def test_without_a_reference_errors_are_empty():
+    """There is a row for each quantity all the same."""
+    (first, *_) = config.find("error").cells()
+    rows = compute(replace(first, steps=3, twins=1, measure=("error",))).measurements
+    assert [row.quantity for row in rows] == ["u", "v", "lambda"]
+    assert all(np.isnan([row.statistics.last, row.statistics.rounding]).all() for row in rows)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.study import config
+from newmark_cli.study import config, shipped
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import InputError
@@ -22,7 +22,7 @@ def load(tmp_path, text):
     return config.load(path, "c.yaml")
 
 
-@pytest.mark.parametrize("name", config.shipped())
+@pytest.mark.parametrize("name", shipped.names())
 def test_shipped_configs_load(name):
     """Every shipped config is valid and named after its file."""
     study = config.find(name)

@@ -17,7 +17,7 @@ from conftest import QUICK
 import newmark_cli
 from newmark_cli.report.reading import records
 from newmark_cli.study import checkout as checkout_of_code
-from newmark_cli.study import config, provenance
+from newmark_cli.study import config, provenance, shipped
 from newmark_cli.support.processors import usable
 
 HISTORY = """\
@@ -228,7 +228,7 @@ def test_shipped_checksums_are_those_of_the_results():
     """`python tests/verification/shipped.py > configs/results.json` after results were computed."""
     path = Path(__file__).parents[1] / "verification/shipped.py"
     expected = runpy.run_path(str(path))["sums"]()
-    assert json.loads(config.shipped_sums().read_text()) == expected
+    assert json.loads((shipped.folder() / "results.json").read_text()) == expected
     assert set(expected) == {*config.REPRODUCED, *config.BEYOND, *config.APART}
 
 

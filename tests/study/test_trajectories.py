@@ -6,6 +6,7 @@ import json
 import shutil
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -59,13 +60,13 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     path = cli.write("one.yaml", study)
     judged = []
 
-    def errors(reference, state, *of):
-        judged.append(state.copy())
+    def errors(problem, t, here, reference):
+        judged.append(here)
         return {}
 
     monkeypatch.setattr("newmark_cli.study.observers.errors", errors)
     (cell,) = config.load(path).cells()
-    outcome = compute.compute(cell)
+    outcome = compute.compute(cell, SimpleNamespace())
     table = trajectories.csv(trajectories.table("one", [cell], [outcome]))
     rows = list(csv.DictReader(io.StringIO(table)))
     how = {"form": "v-lambda", "scaling": "left", "integrator": "generalized-alpha rho=0.9"}
@@ -74,7 +75,7 @@ def test_rows_are_the_librarys_and_end_where_errors_are_judged(cli, name, monkey
     same_rows(rows, whole.to_frame())
     end, *_ = judged  # the others are twins
     last = columns_of(rows[-1])
-    fields = [*end.fields[0], *end.fields[1], *end.fields[3], *end.multipliers]
+    fields = [*end["u"][0], *end["v"][0], *whole.a[-1], *end["lambda"][0]]
     follows = ("energy", "output[")
     assert [value for name, value in last.items() if not name.startswith(follows)] == fields
     cli.write("one.yaml", study.replace("[trajectory, error]", "trajectory"))
