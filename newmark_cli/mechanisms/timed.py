@@ -48,18 +48,28 @@ _SLACK = 1e-6
 
 
 @_part
+def _oscillation(t, reals, first, derivative):
+    """A sin(ω t + φ), whose numbers begin at a place, or its first or second derivative."""
+    amplitude, frequency = reals[0, first], reals[0, first + 1]
+    sine, cosine = sine_cosine(frequency * t + reals[0, first + 2], reals.dtype.type)
+    if derivative == 0:
+        return amplitude * sine
+    if derivative == 1:
+        return amplitude * frequency * cosine
+    return -amplitude * frequency * frequency * sine
+
+
+@_part
 def law(t, reals, first, derivative):
     """The six parameters from a place on as a law of time, or a derivative of it."""
-    real = reals.dtype.type
-    half = real(0.5)
     rate, second = reals[0, first + 1], reals[0, first + 2]
-    amplitude, frequency = reals[0, first + 3], reals[0, first + 4]
-    sine, cosine = sine_cosine(frequency * t + reals[0, first + 5], real)
+    oscillation = _oscillation(t, reals, first + 3, derivative)
     if derivative == 0:
-        return reals[0, first] + (rate + half * second * t) * t + amplitude * sine
+        half = reals.dtype.type(0.5)
+        return reals[0, first] + (rate + half * second * t) * t + oscillation
     if derivative == 1:
-        return rate + second * t + amplitude * frequency * cosine
-    return second - amplitude * frequency * frequency * sine
+        return rate + second * t + oscillation
+    return second + oscillation
 
 
 @_part
@@ -80,43 +90,25 @@ def _term(t, what, count, repeats, reals, r, derivative):
     """A term of a law of time whose numbers begin at r, or its first or second derivative."""
     real = reals.dtype.type
     total = real(0)
-    if what == POWERS:
-        for k in range(count - 1, derivative - 1, -1):
-            factor = real(1)
-            for j in range(derivative):
-                factor *= real(k - j)
-            total = total * t + factor * reals[0, r + k]
-        return total
     if what == SINE:
-        amplitude, frequency = reals[0, r], reals[0, r + 1]
-        sine, cosine = sine_cosine(frequency * t + reals[0, r + 2], real)
-        if derivative == 0:
-            return amplitude * sine
-        if derivative == 1:
-            return amplitude * frequency * cosine
-        return -amplitude * frequency * frequency * sine
-    first, last = reals[0, r], reals[0, r + 1]
-    if repeats != 0:
-        t = t - (last - first) * np.floor((t - first) / (last - first))
-    slack = real(_SLACK) * (last - first)
-    if not first - slack <= t <= last + slack:
-        return total + real(np.nan)
-    width = 7 if what == QUINTIC else 5
-    r = interval(t, reals, r + 2, count, width)
-    x = t - reals[0, r]
-    if what == QUINTIC:
-        for k in range(5, derivative - 1, -1):
-            factor = real(1)
-            for j in range(derivative):
-                factor *= real(k - j)
-            total = total * x + factor * reals[0, r + 6 - k]
-        return total
-    a, b, c, d = reals[0, r + 1], reals[0, r + 2], reals[0, r + 3], reals[0, r + 4]
-    if derivative == 0:
-        return ((a * x + b) * x + c) * x + d
-    if derivative == 1:
-        return (real(3) * a * x + real(2) * b) * x + c
-    return real(6) * a * x + real(2) * b
+        return _oscillation(t, reals, r, derivative)
+    degree, backwards = count - 1, False
+    if what != POWERS:
+        first, last = reals[0, r], reals[0, r + 1]
+        if repeats != 0:
+            t = t - (last - first) * np.floor((t - first) / (last - first))
+        slack = real(_SLACK) * (last - first)
+        if not first - slack <= t <= last + slack:
+            return total + real(np.nan)
+        degree, backwards = 5 if what == QUINTIC else 3, True
+        r = interval(t, reals, r + 2, count, degree + 2)
+        t, r = t - reals[0, r], r + 1
+    for k in range(degree, derivative - 1, -1):
+        factor = real(1)
+        for j in range(derivative):
+            factor *= real(k - j)
+        total = total * t + factor * reals[0, r + (degree - k if backwards else k)]
+    return total
 
 
 @_part
