@@ -23,21 +23,7 @@ such a table one without laws, for the loops over elements.
 
 import numpy as np
 
-from newmark_cli.mechanisms import sines
-from newmark_cli.mechanisms.laws import (
-    ANOTHER,
-    COUNT,
-    DRIVES,
-    LAW,
-    MORE,
-    POWERS,
-    QUINTIC,
-    REPEATS,
-    SINE,
-    TARGET,
-    WEIGHT,
-    WHAT,
-)
+from newmark_cli.mechanisms import laws, sines
 from newmark_cli.support.cached_code import cached_njit, part_njit
 
 sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
@@ -90,17 +76,17 @@ def _term(t, what, count, repeats, reals, r, derivative):
     """A term of a law of time whose numbers begin at r, or its first or second derivative."""
     real = reals.dtype.type
     total = real(0)
-    if what == SINE:
+    if what == laws.SINE:
         return _oscillation(t, reals, r, derivative)
     degree, backwards = count - 1, False
-    if what != POWERS:
+    if what != laws.POWERS:
         first, last = reals[0, r], reals[0, r + 1]
         if repeats != 0:
             t = t - (last - first) * np.floor((t - first) / (last - first))
         slack = real(_SLACK) * (last - first)
         if not first - slack <= t <= last + slack:
             return total + real(np.nan)
-        degree, backwards = 5 if what == QUINTIC else 3, True
+        degree, backwards = 5 if what == laws.QUINTIC else 3, True
         r = interval(t, reals, r + 2, count, degree + 2)
         t, r = t - reals[0, r], r + 1
     for k in range(degree, derivative - 1, -1):
@@ -115,12 +101,13 @@ def _term(t, what, count, repeats, reals, r, derivative):
 def _whole_law(t, ints, reals, e, derivative):
     """The law at e, with its terms, or its first or second derivative."""
     value = law(t, reals, ints[0, e + 2], derivative)
-    another = ints[0, e + MORE]
+    another = ints[0, e + laws.MORE]
     while another != 0:
         e += ints[0, e + 1]
-        what, count, repeats = ints[0, e + WHAT], ints[0, e + COUNT], ints[0, e + REPEATS]
-        value += _term(t, what, count, repeats, reals, ints[0, e + 2], derivative)
-        another = ints[0, e + ANOTHER]
+        what, count = ints[0, e + laws.WHAT], ints[0, e + laws.COUNT]
+        repeats, r = ints[0, e + laws.REPEATS], ints[0, e + 2]
+        value += _term(t, what, count, repeats, reals, r, derivative)
+        another = ints[0, e + laws.ANOTHER]
     return value
 
 
@@ -135,7 +122,7 @@ def at_time(t, ints, reals):
         ints, reals: Tables with laws.
     """
     last = 0
-    while last < ints.shape[1] and ints[0, last] != LAW:
+    while last < ints.shape[1] and ints[0, last] != laws.LAW:
         last += ints[0, last + 1]
     if last == ints.shape[1]:
         return t, reals
@@ -144,9 +131,9 @@ def at_time(t, ints, reals):
         frozen[0, k] = reals[0, k]
     e = last
     while e < ints.shape[1]:
-        if ints[0, e] == LAW:
-            target, drives = ints[0, e + TARGET], ints[0, e + DRIVES] != 0
-            weight = reals[0, ints[0, e + 2] + WEIGHT]
+        if ints[0, e] == laws.LAW:
+            target, drives = ints[0, e + laws.TARGET], ints[0, e + laws.DRIVES] != 0
+            weight = reals[0, ints[0, e + 2] + laws.WEIGHT]
             for k in range(3 if drives else 1):
                 value = _whole_law(t, ints, reals, e, k)
                 if drives:

@@ -378,15 +378,8 @@ class Schemes:
         sizes = self.grid.successive
         return bool(sizes.max() >= _WIDE * sizes.min())
 
-    def is_across(self, step: int) -> bool:
-        """Whether a step is one of `across`."""
-        return _contains(self.across, step)
 
-    def is_carried(self, step: int) -> bool:
-        """Whether a step is one of `carrying`."""
-        return _contains(self.carrying, step)
-
-
-def _contains(steps: IndexArray, step: int) -> bool:
+def contains(steps: IndexArray, step: int) -> bool:
+    """Whether a step is one of ascending ones (k,)."""
     place = int(np.searchsorted(steps, step))
     return place < len(steps) and int(steps[place]) == step
