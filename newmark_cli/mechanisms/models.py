@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -320,10 +320,17 @@ def branch(mapped: str, listed: str, plain: str) -> Discriminator:
     return Discriminator(chosen)
 
 
-#: A number, or a law of time.
-Amount = Annotated[
-    Annotated[Bounded, Tag(PLAIN)] | Annotated[Law, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
+_Usual = TypeVar("_Usual")
+_Mapped = TypeVar("_Mapped")
+#: A list, or a mapping; a plain value, or a mapping.
+ListedOr = Annotated[
+    Annotated[_Usual, Tag(LISTED)] | Annotated[_Mapped, Tag(MAPPED)], branch(MAPPED, LISTED, LISTED)
 ]
+PlainOr = Annotated[
+    Annotated[_Usual, Tag(PLAIN)] | Annotated[_Mapped, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
+]
+#: A number, or a law of time.
+Amount = PlainOr[Bounded, Law]
 
 
 def size_of(amount: "float | Law") -> float:

@@ -16,15 +16,16 @@ from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
     GROUND,
     LISTED,
-    MAPPED,
     PLAIN,
     Amount,
     Bounded,
     DrivenModel,
     Law,
     Length,
+    ListedOr,
     MechanismModel,
     NotNegative,
+    PlainOr,
     amounts_of,
     branch,
     components,
@@ -48,19 +49,9 @@ Extents = Annotated[tuple[Length, Length, Length], components(3)]
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-Place = Annotated[
-    Annotated[Vector, Tag(LISTED)] | Annotated[dict[str, Vector], Tag(MAPPED)],
-    branch(MAPPED, LISTED, LISTED),
-]
-Axis = Annotated[
-    Annotated[Direction, Tag(LISTED)] | Annotated[dict[str, Direction], Tag(MAPPED)],
-    branch(MAPPED, LISTED, LISTED),
-]
-TwoAxes = Annotated[
-    Annotated[tuple[Direction, Direction], Tag(LISTED)]
-    | Annotated[dict[str, Direction], Tag(MAPPED)],
-    branch(MAPPED, LISTED, LISTED),
-]
+Place = ListedOr[Vector, dict[str, Vector]]
+Axis = ListedOr[Direction, dict[str, Direction]]
+TwoAxes = ListedOr[tuple[Direction, Direction], dict[str, Direction]]
 
 
 def inner(first: Any, second: Any) -> Array:
@@ -112,11 +103,6 @@ class Tensor(StrictModel):
         )
 
 
-Inertia = Annotated[
-    Annotated[Vector, Tag(LISTED)] | Annotated[Tensor, Tag(MAPPED)], branch(MAPPED, LISTED, LISTED)
-]
-
-
 class SpatialBody(StrictModel):
     """A rigid body: its origin and three directors."""
 
@@ -126,7 +112,7 @@ class SpatialBody(StrictModel):
     )
     mass: NotNegative = Field(description="mass (kg)")
     centre: Vector = Field(_ORIGIN, description="mass centre in body axes, from its origin (m)")
-    inertia: Inertia | None = Field(
+    inertia: ListedOr[Vector, Tensor] | None = Field(
         None,
         description="about the mass centre, in body axes (kg m²): [xx, yy, zz], or all six by name",
     )
@@ -349,15 +335,6 @@ class Rate(StrictModel):
         return {key: rate for key, rate in self if rate is not None}
 
 
-OneOrBoth = Annotated[
-    Annotated[Bounded, Tag(PLAIN)] | Annotated[Rate, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
-]
-Redundant = Annotated[
-    Annotated[Literal["refuse", "drop"], Tag(PLAIN)] | Annotated[dict[str, list[str]], Tag(MAPPED)],
-    branch(MAPPED, PLAIN, PLAIN),
-]
-
-
 class SpatialMechanism(MechanismModel):
     """A spatial mechanism; SI units."""
 
@@ -379,10 +356,10 @@ class SpatialMechanism(MechanismModel):
     outputs: list[Literal["points"]] = Field(
         [], description="further outputs: places of 'body_points'"
     )
-    rates: dict[str, OneOrBoth] = Field(
+    rates: dict[str, PlainOr[Bounded, Rate]] = Field(
         {}, description="relative rates of joints (rad/s, m/s), met while velocities are projected"
     )
-    redundant: Redundant = Field(
+    redundant: PlainOr[Literal["refuse", "drop"], dict[str, list[str]]] = Field(
         "refuse",
         description="constraints that depend on each other: refuse them, drop what is redundant, "
         "or release rows by joint, such as {P5: [q]}",

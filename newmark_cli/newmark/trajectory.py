@@ -452,6 +452,7 @@ class Recorder:
         march: The march.
         finite: Whether all that was seen is.
         reason: Why the march is to end where it stands; empty as long as it may go on.
+        here: The last good step that the march halted at.
     """
 
     def __init__(
@@ -477,7 +478,7 @@ class Recorder:
         self._names = [name for name in KEPT if name in keep]
         for name in self._names:
             self._rows[name] = _Rows((m if name == "lambda" else n,), float, most)
-        self._good = step_of(march)
+        self.here = step_of(march)
 
     def stops(self, halt: int) -> frozenset[int]:
         """Steps on the way to another at which it wants to see the march."""
@@ -488,14 +489,9 @@ class Recorder:
         """Whether the march has ended early."""
         return self.march.ending != COMPLETED or not self.finite or bool(self.reason)
 
-    @property
-    def here(self) -> Step:
-        """The last good step that the march halted at."""
-        return self._good
-
     def keep_here(self) -> None:
         """Keep that step, unless it was kept already."""
-        step = self._good
+        step = self.here
         if self._last < step.carried.steps:
             count = step.iterations if step.converged else -step.iterations
             fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
@@ -524,11 +520,11 @@ class Recorder:
         finite = self.finite and bool(good.all())
         finite = finite and all(bool(np.isfinite(array).all()) for array in state[:3])
         taken = len(stretch.iterations) > 0
-        here = step_of(self.march, stretch) if finite and taken else self._good
+        here = step_of(self.march, stretch) if finite and taken else self.here
         not_converged = self._not_converged + int(np.count_nonzero(stretch.iterations < 0))
         corrections = self._corrections + int(np.abs(stretch.iterations).sum())
         # In one statement, lest an interrupt part rows, the last good step and the counts.
-        self._kept, self._last, self.finite, self._good, self._not_converged, self._corrections = (
+        self._kept, self._last, self.finite, self.here, self._not_converged, self._corrections = (
             kept, last, finite, here, not_converged, corrections
         )  # fmt: skip
         if self._watch and finite and self.march.ending == COMPLETED:
@@ -557,11 +553,11 @@ class Recorder:
             iterations=np.abs(counts),
             converged=counts >= 0,
             status=status or ("not_converged" if self._not_converged else "ok"),
-            steps=self._good.carried.steps - self._begin,
+            steps=self.here.carried.steps - self._begin,
             not_converged=self._not_converged,
             newton_iterations=self._corrections,
             h=self.march.grid.h,
-            state=self._good,
+            state=self.here,
             problem=self.march.problem,
             arrays=arrays,
             reason=self.reason if status == REDUNDANT else "",
