@@ -42,15 +42,14 @@ class _Numbers(NamedTuple):
 
     def among(self, numbers: Array, units: int) -> "_Numbers":
         """The same, its arrays being parts of ``numbers``, which ends with the work space."""
-        arrays, begin, groups = self.arrays(units), 0, dict[str, dict[str, Any]]()
-        for (part, name), array in arrays.items():
-            size = None if name == "work" else begin + array.size
-            shape = -1 if name == "work" else array.shape
-            groups.setdefault(part, {})[name] = numbers[begin:size].reshape(shape)
-            begin += array.size
-        own = groups.pop("")
-        parts: Any = {part: getattr(self, part)._replace(**group) for part, group in groups.items()}
-        return self._replace(**own, **parts)
+        begin, found = 0, self
+        for (part, name), array in self.arrays(units).items():
+            end = begin + array.size
+            view = numbers[begin:] if name == "work" else numbers[begin:end].reshape(array.shape)
+            begin, new = end, {name: view}
+            own: Any = {part: getattr(found, part)._replace(**new)} if part else new
+            found = found._replace(**own)
+        return found
 
 
 #: What changes with the step size, besides the units of static elimination.
@@ -137,11 +136,9 @@ class Engine:
             eliminated = StaticElimination(problem, scheme, lists).entries
         constraining = self._constraining.at(scheme) if self._constraining else None
         dense, products = nothing, Products(*[np.empty(0, np.int64)] * 2)
-        if self._is_dense and constraining:
+        if self._is_dense:
             sums, products = assembly.of_formulation(problem, scheme.tables, constraining)
             dense = dense_tables(problem, scheme, sums)
-        elif self._is_dense:
-            dense = dense_tables(problem, scheme, assembly.of_index_3(problem, scheme.tables))
         return _Numbers(
             tables=scheme.tables,
             static=eliminated,
