@@ -18,6 +18,7 @@ from newmark_cli.newmark.linear.written.static import StaticElimination, StaticS
 from newmark_cli.newmark.linear.written.static_elimination import solve_generated
 from newmark_cli.newmark.march_data import COMPLETED, SINGULAR, Counts, Plan, Record, State
 from newmark_cli.newmark.scheme import Scheme, Schemes, Tolerance, contains
+from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
@@ -91,7 +92,7 @@ class Engine:
         system_at: Callable[[int], LinearSystem] | None = None,
     ) -> None:
         self.problem, self.scheme, self.static = problem, scheme, static
-        self.schemes = schemes = schemes or Schemes.of(problem, scheme)
+        self.schemes = schemes = schemes or Schemes(scheme, TimeGrid(problem.t0, scheme.h))
         self._constraining = constraining or constraining_of(problem, scheme)
         self._is_dense = system_at is None
         self._python = Callbacks(problem, scheme.dtype, system_at)

@@ -30,7 +30,6 @@ from newmark_cli.newmark.integrator import (
 from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
 from newmark_cli.newmark.steps import TimeGrid
-from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most schemes of steps that are kept.
@@ -319,11 +318,6 @@ class Schemes:
     def __init__(self, base: Scheme, grid: TimeGrid) -> None:
         self.base, self.grid = base, grid
         self._known: dict[int, Scheme] = {}
-
-    @classmethod
-    def of(cls, problem: Problem, scheme: Scheme) -> "Schemes":
-        """Steps of one size, from the problem's initial time."""
-        return cls(scheme, TimeGrid(problem.t0, scheme.h))
 
     def at(self, step: int) -> Scheme:
         """The scheme of a step, counted from 1; step 0 has that of the first."""

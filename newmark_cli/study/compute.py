@@ -7,9 +7,9 @@ from itertools import chain
 
 import numpy as np
 
-from newmark_cli.newmark import march_data
+from newmark_cli.newmark import kernel, march_data
 from newmark_cli.newmark.gaps import GapWatch
-from newmark_cli.newmark.march import March, is_ready
+from newmark_cli.newmark.march import March
 from newmark_cli.newmark.operations import of_march
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
@@ -55,7 +55,7 @@ def scheme_of(cell: Cell) -> Scheme:
 def prepare(cell: Cell) -> None:
     """Compile the kernel that a cell needs, unless it is: that is no time of the cell's."""
     problem, scheme = cell.problem.load(), scheme_of(cell)
-    if not is_ready(scheme):
+    if not kernel.is_compiled(scheme.dtype, scheme.formulated):  # type: ignore[no-untyped-call]
         March(problem, scheme, cell.solver, cell.krylov).advance(0)
 
 
