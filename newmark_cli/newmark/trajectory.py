@@ -50,10 +50,10 @@ class _Carried:
     t0: float  #: time of the start from which steps count (s); where their sizes vary, now
     done: int  #: steps since then
     steps: int  #: steps of the march
-    h: float  #: size of the last step (s)
-    before: float  #: of the one before it (s)
-    integrator: str  #: label of the integrator, whose past vectors the state has
-    enforced: str  #: formulation and projection, which decide what of Φ and Φ' is left
+    #: of the last step: its integrator has past vectors in the state, its formulation and
+    #: projection decide what of Φ and Φ' is left
+    scheme: Scheme
+    before: float  #: size of the step before the last (s)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,11 +103,6 @@ class Step:
         )
 
 
-def enforced_by(scheme: Scheme) -> str:
-    """Formulation and projection of a scheme."""
-    return f"{scheme.formulation.label}, {scheme.projection.label}"
-
-
 def step_of(march: March, stretch: Stretch | None = None) -> Step:
     """Where a march stands."""
     here, scheme, varies = march.seen, march.scheme, march.grid.varies
@@ -119,10 +114,8 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
         march.t if varies else march.problem.t0,
         0 if varies else march.done,
         march.earlier + march.done,
-        scheme.h,
+        scheme,
         march.grid.size(march.done - 1),
-        scheme.integrator.label,
-        enforced_by(scheme),
     )
     return Step(
         t=march.t,
