@@ -228,7 +228,9 @@ def form_orders(
 
     penalty = _penalty(formulation)
     residual = _residuals(form, formulation, kept, rates_of_kept, compensated)
-    inverse = INVERSES[_table(formulation)]
+    parameter, _ = formulation.parameter or ("", 0.0)
+    of_method = INVERSES[formulation.method]
+    inverse = INVERSES.get(f"{formulation.method} {parameter}", of_method)
     columns = [inverse.columns.index(row) for row in form.rows]
     table = inverse.general if damped else inverse.undamped
     return FormOrders(
@@ -284,13 +286,6 @@ def _penalty(formulation: Formulation) -> float:
         return _INF
     assert formulation.parameter is not None
     return -2.0 if formulation.parameter[0] == "factor" else 0.0
-
-
-def _table(formulation: Formulation) -> str:
-    """Which of `INVERSES` a formulation has."""
-    parameter, _ = formulation.parameter or ("", 0.0)
-    own = f"{formulation.method} {parameter}"
-    return own if own in INVERSES else formulation.method
 
 
 def _residuals(
