@@ -210,8 +210,7 @@ class Sine(StrictModel):
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
 
 
-#: Degrees of the polynomials between the values of a table.
-INTERPOLATIONS = MappingProxyType({"pchip": 3, "cubic": 3, "quintic": 5})
+#: Values that a spline of degree 5 takes at least.
 _FEWEST_OF_QUINTIC = 6
 
 

@@ -200,16 +200,20 @@ _LABEL = re.compile(r"(?P<name>[A-Za-z0-9._-]+)\[(?P<sides>[^\[\]]*)\]")
 
 def named_scaling(variant: str, form: Form) -> Scaling:
     """Scaling of a form by a named variant."""
-    chosen = VARIANTS[variant]
-    blocks = {"left": form.rows, "right": form.unknowns}
-    table = {}
-    for side, allowed in blocks.items():
-        factors = chosen.factors or {
-            side: {**BY_SENSITIVITY[side], **TABLE_2[form.name][side], **chosen.replaced}
-        }
-        used = factors.get(side, {}) if side in chosen.sides else {}
-        table[side] = {block: factor for block, factor in used.items() if block in allowed}
-    return own_scaling(variant, form, table["left"], table["right"])
+    chosen, of_form = VARIANTS[variant], TABLE_2[form.name]
+    factors = chosen.factors or {
+        side: {**BY_SENSITIVITY[side], **of_form[side], **chosen.replaced} for side in chosen.sides
+    }
+    return _tabled(variant, form, factors)
+
+
+def _tabled(name: str, form: Form, factors: Mapping[str, Mapping[str, str]]) -> Scaling:
+    """Scaling by what a table has for the blocks of a form."""
+    left, right = (
+        {block: factor for block, factor in factors.get(side, {}).items() if block in blocks}
+        for side, blocks in (("left", form.rows), ("right", form.unknowns))
+    )
+    return own_scaling(name, form, left, right)
 
 
 def own_scaling(
@@ -251,10 +255,4 @@ def sensitivity(form: Form) -> Scaling:
     ∂a/∂u of the two-field form (u, λ), rows by their inverses.  It balances the
     blocks of J̄ for every integrator of the family.
     """
-    left, right = BY_SENSITIVITY["left"], BY_SENSITIVITY["right"]
-    return own_scaling(
-        "sensitivity",
-        form,
-        {row: left[row] for row in form.rows},
-        {unknown: right[unknown] for unknown in form.unknowns},
-    )
+    return _tabled("sensitivity", form, BY_SENSITIVITY)
