@@ -11,7 +11,7 @@ from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.steps import TimeGrid
-from newmark_cli.newmark.trajectory import Step, enforced_by
+from newmark_cli.newmark.trajectory import Step
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, ProblemError
@@ -62,7 +62,7 @@ def _continued(
 ) -> March:
     scheme, (carried, kept) = how[0], (state.carried, state.carried.state)
     _warn_of_loss(problem, scheme, state)
-    if carried.enforced != enforced_by(scheme):
+    if _enforced(carried.scheme) != _enforced(scheme):
         # The residuals of the constraints were not carried along.
         system = Index1(problem)
         phi = problem.constraint_values(state.t, state.u)
@@ -70,8 +70,8 @@ def _continued(
         kept = kept._replace(phi=phi, psi=psi, rates=unknown)
     if grid is None and _same_steps(state, scheme):
         return March(replace(problem, t0=carried.t0), *how, state=kept, done=carried.done)
-    before: tuple[float, float] | None = (carried.h, carried.before)
-    if carried.integrator != scheme.integrator.label:
+    before: tuple[float, float] | None = (carried.scheme.h, carried.before)
+    if carried.scheme.integrator != scheme.integrator:
         fields = kept.fields[[0, 1, 3, 3]].astype(float)
         kept = kept._replace(
             fields=fields,
@@ -88,19 +88,24 @@ def _continued(
 
 def _same_steps(state: Step, scheme: Scheme) -> bool:
     """Whether a state was made with this integrator and, but for rounding, this h."""
-    h, integrator = state.carried.h, state.carried.integrator
-    return math.isclose(h, scheme.h, rel_tol=_SAME_H) and integrator == scheme.integrator.label
+    made = state.carried.scheme
+    same_h = math.isclose(made.h, scheme.h, rel_tol=_SAME_H)
+    return same_h and made.integrator == scheme.integrator
+
+
+def _enforced(scheme: Scheme) -> tuple[Formulation, Projection]:
+    return scheme.formulation, scheme.projection
 
 
 def _warn_of_loss(problem: Problem, scheme: Scheme, state: Step) -> None:
     """Warn where multipliers lose their order after a state marched with other settings."""
     if not _loses(problem, scheme, state):
         return
-    carried = state.carried
+    both = (state.carried.scheme, scheme)
     settings = (
-        ("h =", repr(carried.h), repr(scheme.h)),
-        ("integrator", carried.integrator, scheme.integrator.label),
-        ("formulation and projection", carried.enforced, enforced_by(scheme)),
+        ("h =", *(repr(of.h) for of in both)),
+        ("integrator", *(of.integrator.label for of in both)),
+        ("formulation and projection", *(", ".join(x.label for x in _enforced(of)) for of in both)),
     )
     differences = "; ".join(f"{key} {old}, here {new}" for key, old, new in settings if old != new)
     way_out = "take projection='velocity', or formulation='index-2' in both marches"
@@ -122,15 +127,14 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
     drift.  Nothing is lost by rows that let them drift on, or where velocities are projected
     and λ is recovered from them.
     """
-    carried, projects = state.carried, scheme.projection.level
-    formulation, _, projection = carried.enforced.partition(", ")
-    previous, projected = Formulation.parse(formulation), Projection.parse(projection).level
+    made, projects = state.carried.scheme, scheme.projection.level
+    previous, projected = made.formulation, made.projection.level
     # A penalty enforces what index 3 does.
-    alike = carried.enforced == enforced_by(scheme) or (
+    alike = _enforced(made) == _enforced(scheme) or (
         {previous.method, scheme.formulation.method} <= {INDEX_3, "augmented-lagrangian"}
         and not (projected or projects)
     )
-    same = carried.integrator == scheme.integrator.label
+    same = made.integrator == scheme.integrator
     if alike and same and (scheme.across or _same_steps(state, scheme)):
         return False
     rows, recovered = scheme.formulation.kind.rows, scheme.reported == RECOVERED
@@ -143,7 +147,7 @@ def _loses(problem: Problem, scheme: Scheme, state: Step) -> bool:
     return (
         (asks_position and not keeps_position and of_position > _ROUNDING)
         or (asks_rate and not keeps_rate and of_rate > _ROUNDING)
-        or bool(projects and np.any(carried.state.impulse))
+        or bool(projects and np.any(state.carried.state.impulse))
     )
 
 
@@ -165,7 +169,7 @@ def _misfits(problem: Problem, state: Step) -> tuple[float, float]:
     lengths = np.sqrt(np.bincount(problem.pattern.g_columns, values**2, minlength=problem.m))
     eps = np.finfo(kept.fields.dtype).eps
     of_u, of_v = eps * np.abs(u).max(), eps * np.abs(v).max()
-    of_v += of_u / state.carried.h * (_COMPENSATED if np.any(kept.lows) else 1.0)
+    of_v += of_u / state.carried.scheme.h * (_COMPENSATED if np.any(kept.lows) else 1.0)
 
     def worst(missed: Array, unit: float) -> float:
         with np.errstate(over="ignore"):

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.mechanisms.models import INTERPOLATIONS, Law, Table
+from newmark_cli.mechanisms.models import Law, Table
 
 #: Kinds, which no element has, and their columns behind those that all have: kind, size, and
 #: where their numbers begin.
@@ -36,7 +36,7 @@ def terms(law: Law) -> list[tuple[list[int], list[float]]]:
     ]
     if law.table is not None:
         spline = _spline(law.table)
-        kind = {3: SPLINE, 5: QUINTIC}[INTERPOLATIONS[law.table.interpolation]]
+        kind = QUINTIC if law.table.interpolation == "quintic" else SPLINE
         # Beginning of each interval, and coefficients of its powers of t − beginning, down to 1.
         intervals = np.column_stack([spline.x[:-1], spline.c.T])
         numbers = [law.table.times[0], law.table.times[-1], *intervals.ravel().tolist()]

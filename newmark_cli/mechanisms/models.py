@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -17,16 +17,18 @@ from pydantic import (
     Field,
     Tag,
     ValidationInfo,
-    model_validator,
 )
+from pydantic_core import PydanticCustomError
 
 from newmark_cli.support import documents
-from newmark_cli.support.documents import KeyPath, Number, StrictModel, Truth, misfit
+from newmark_cli.support.documents import KeyPath, Number, StrictModel, TiedModel, Truth, misfit
 
 #: Products and squares of a few numbers of this size, and of their inverses, are numbers.
 _LARGEST, _SMALLEST = 1e30, 1e-30
 
 Bounded = Annotated[Number, Field(ge=-_LARGEST, le=_LARGEST)]
+#: What does not fit each other in a model.
+Misfits = Iterator[PydanticCustomError]
 NotNegative = Annotated[Number, Field(ge=0, le=_LARGEST)]
 Length = Annotated[Number, Field(ge=_SMALLEST, le=_LARGEST)]
 
@@ -104,23 +106,23 @@ class Bar(BetweenPoints):
 _FILE = "table in a file beside this one, in place of both lists"
 
 
-def _require_table(
+def _misfits_of_table(
     key: str, places: Sequence[float], values: Sequence[float], file: str | None, fewest: int = 2
-) -> None:
-    """Refuse lists that are no table: values at places that increase."""
+) -> Misfits:
+    """Why lists are no table: values at places that increase."""
+    falls = next((pair for pair in pairwise(places) if pair[1] <= pair[0]), None)
     if file is not None:
-        raise misfit("file", "is missing, or holds no table")
-    if len(places) < fewest:
-        raise misfit(key, f"must be {fewest} at least, given {len(places)}")
-    if len(values) != len(places):
+        yield misfit("file", "is missing, or holds no table")
+    elif len(places) < fewest:
+        yield misfit(key, f"must be {fewest} at least, given {len(places)}")
+    elif len(values) != len(places):
         text = f"must be one for each of {len(places)} {key}, given {len(values)}"
-        raise misfit("values", text)
-    for before, after in pairwise(places):
-        if after <= before:
-            raise misfit(key, f"must increase: {after:g} follows {before:g}")
+        yield misfit("values", text)
+    elif falls:
+        yield misfit(key, f"must increase: {falls[1]:g} follows {falls[0]:g}")
 
 
-class LengthTable(StrictModel):
+class LengthTable(TiedModel):
     """Forces of a spring at lengths: no overshoot between them, straight on beyond the ends."""
 
     lengths: list[NotNegative] = Field(
@@ -129,13 +131,11 @@ class LengthTable(StrictModel):
     values: list[Bounded] = Field([], description="force at each length (N), positive if it pulls")
     file: str | None = Field(None, description=f"{_FILE}: CSV with columns length, force")
 
-    @model_validator(mode="after")
-    def _is_a_table(self) -> "LengthTable":
-        _require_table("lengths", self.lengths, self.values, self.file)
-        return self
+    def _misfits(self) -> Misfits:
+        return _misfits_of_table("lengths", self.lengths, self.values, self.file)
 
 
-class SpringForce(StrictModel):
+class SpringForce(TiedModel):
     """The force of a spring as a law of its length."""
 
     powers: list[Bounded] = Field(
@@ -146,14 +146,12 @@ class SpringForce(StrictModel):
     )
     table: LengthTable | None = Field(None, description="forces at lengths")
 
-    @model_validator(mode="after")
-    def _is_one_law(self) -> "SpringForce":
+    def _misfits(self) -> Misfits:
         if bool(self.powers) == (self.table is not None):
-            raise ValueError("needs either powers or a table")
-        return self
+            yield misfit(None, "needs either powers or a table")
 
 
-class Spring(BetweenPoints):
+class Spring(BetweenPoints, TiedModel):
     """A spring between two points, linear or with a law of its force."""
 
     stiffness: NotNegative | None = Field(None, description="stiffness (N/m) of a linear spring")
@@ -164,18 +162,16 @@ class Spring(BetweenPoints):
         None, description="law of the force over the length, in place of stiffness"
     )
 
-    @model_validator(mode="after")
-    def _has_a_law(self) -> "Spring":
+    def _misfits(self) -> Misfits:
         by_table = self.force is not None and self.force.table is not None
         given, wanted = self.model_dump(exclude_none=True), {"stiffness", "rest_length"}
         if self.force is not None:
             wanted = set() if by_table else {"rest_length"}
         for key in ("stiffness", "rest_length"):
             if key in wanted and key not in given:
-                raise misfit(key, "missing")
+                yield misfit(key, "missing")
             if key in given and key not in wanted:
-                raise misfit(key, "stands in the law of the force; leave it out")
-        return self
+                yield misfit(key, "stands in the law of the force; leave it out")
 
 
 class Damper(BetweenPoints):
@@ -210,12 +206,11 @@ class Sine(StrictModel):
     phase: Bounded = Field(0.0, description="phase at t = 0 (rad)")
 
 
-#: Degrees of the polynomials between the values of a table.
-INTERPOLATIONS = MappingProxyType({"pchip": 3, "cubic": 3, "quintic": 5})
+#: Values that a spline of degree 5 takes at least.
 _FEWEST_OF_QUINTIC = 6
 
 
-class Table(StrictModel):
+class Table(TiedModel):
     """Values at times, and what is between them."""
 
     # A measurement, not a data base.
@@ -236,22 +231,22 @@ class Table(StrictModel):
         "derivative; or the table repeats itself for ever",
     )
 
-    @model_validator(mode="after")
-    def _is_a_table(self) -> "Table":
+    def _misfits(self) -> Misfits:
         times, values = self.times, self.values
         fewest = _FEWEST_OF_QUINTIC if self.interpolation == "quintic" else 2
-        _require_table("times", times, values, self.file, fewest)
+        if found := [*_misfits_of_table("times", times, values, self.file, fewest)]:
+            yield from found
+            return
         if self.interpolation == "pchip" and self.ends != "not-a-knot":
-            raise misfit("ends", "is of splines, and interpolation is pchip")
+            yield misfit("ends", "is of splines, and interpolation is pchip")
         if times[0] > 0:
-            raise misfit("times", f"must begin at 0 or before, given {times[0]:g}")
+            yield misfit("times", f"must begin at 0 or before, given {times[0]:g}")
         if times[-1] <= 0:
-            raise misfit("times", f"must end after 0, given {times[-1]:g}")
+            yield misfit("times", f"must end after 0, given {times[-1]:g}")
         if self.ends == "periodic" and values[0] != values[-1]:
-            raise misfit(
+            yield misfit(
                 "values", f"must end as they begin to repeat: {values[0]:g}, {values[-1]:g}"
             )
-        return self
 
 
 class Law(StrictModel):
@@ -320,10 +315,17 @@ def branch(mapped: str, listed: str, plain: str) -> Discriminator:
     return Discriminator(chosen)
 
 
-#: A number, or a law of time.
-Amount = Annotated[
-    Annotated[Bounded, Tag(PLAIN)] | Annotated[Law, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
+_Usual = TypeVar("_Usual")
+_Mapped = TypeVar("_Mapped")
+#: A list, or a mapping; a plain value, or a mapping.
+ListedOr = Annotated[
+    Annotated[_Usual, Tag(LISTED)] | Annotated[_Mapped, Tag(MAPPED)], branch(MAPPED, LISTED, LISTED)
 ]
+PlainOr = Annotated[
+    Annotated[_Usual, Tag(PLAIN)] | Annotated[_Mapped, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
+]
+#: A number, or a law of time.
+Amount = PlainOr[Bounded, Law]
 
 
 def size_of(amount: "float | Law") -> float:
@@ -341,7 +343,7 @@ def laws_of(amounts: Sequence["float | Law"]) -> dict[int, Law]:
     return {place: amount for place, amount in enumerate(amounts) if isinstance(amount, Law)}
 
 
-class DrivenModel(StrictModel):
+class DrivenModel(TiedModel):
     """What laws of time drive.
 
     Attributes:
@@ -357,16 +359,14 @@ class DrivenModel(StrictModel):
         """Quantity → law that drives it."""
         return {key: value for key, value in self if isinstance(value, Law)}
 
-    @model_validator(mode="after")
-    def _drives_one_thing(self) -> Self:
+    def _misfits(self) -> Misfits:
         named = [
             any(getattr(self, key) is not None for key in (subject, *keys))
             for subject, keys in self.drives.items()
         ]
         subjects = [getattr(self, subject) is not None for subject in self.drives]
         if sum(named) != 1 or named != subjects or not self.driven:
-            raise ValueError(f"needs {self.needs}")
-        return self
+            yield misfit(None, f"needs {self.needs}")
 
 
 class Motion(DrivenModel):
@@ -453,7 +453,7 @@ class AngleJoint(BetweenBodies):
     )
 
 
-class Gear(StrictModel):
+class Gear(TiedModel):
     """Angles of two bodies that turn in a constant ratio, counted from the start."""
 
     from_: str = Field(alias="from", description="first body")
@@ -466,14 +466,12 @@ class Gear(StrictModel):
         None, description="carrier, relative to which both turn; the ground if omitted"
     )
 
-    @model_validator(mode="after")
-    def _turns(self) -> "Gear":
+    def _misfits(self) -> Misfits:
         if self.ratio == 0:
-            raise misfit("ratio", "must not be 0: the second body would not turn")
+            yield misfit("ratio", "must not be 0: the second body would not turn")
         names = [name for name in (self.from_, self.to, self.on) if name is not None]
         if len(set(names)) < len(names):
-            raise misfit("to", "must be different bodies, and another than the carrier")
-        return self
+            yield misfit("to", "must be different bodies, and another than the carrier")
 
 
 class Circle(StrictModel):
@@ -485,7 +483,7 @@ class Circle(StrictModel):
     inside: Truth = Field(False, description="whether the wheel rolls inside of it")
 
 
-class Rolling(StrictModel):
+class Rolling(TiedModel):
     """A wheel that rolls without slipping: two constraints, of contact and of rolling."""
 
     wheel: str = Field(description="body that turns with the wheel")
@@ -494,20 +492,18 @@ class Rolling(StrictModel):
     line: Line | None = Field(None, description="line that it rolls on")
     circle: Circle | None = Field(None, description="circle that it rolls on")
 
-    @model_validator(mode="after")
-    def _rolls_on_one_thing(self) -> "Rolling":
+    def _misfits(self) -> Misfits:
         if (self.line is None) == (self.circle is None):
-            raise ValueError("needs either a line or a circle to roll on")
+            yield misfit(None, "needs either a line or a circle to roll on")
         if self.circle is not None and self.circle.inside and self.circle.radius <= self.radius:
-            raise misfit(
+            yield misfit(
                 "radius",
                 f"must be less than that of the circle around it, {self.circle.radius:g}, "
                 f"given {self.radius:g}",
             )
-        return self
 
 
-class PythonForce(StrictModel):
+class PythonForce(TiedModel):
     """Forces on points that a Python function returns; runs only with --allow-code."""
 
     python: str = Field(
@@ -516,13 +512,11 @@ class PythonForce(StrictModel):
     )
     on: list[str] = Field(min_length=1, description="the k points, at least one")
 
-    @model_validator(mode="after")
-    def _names_a_function(self) -> "PythonForce":
+    def _misfits(self) -> Misfits:
         if not _PYTHON.fullmatch(self.python):
-            raise misfit("python", f'must be "file.py:function", given {self.python!r:.60}')
+            yield misfit("python", f'must be "file.py:function", given {self.python!r:.60}')
         if len(set(self.on)) < len(self.on):
-            raise misfit("on", "must name each point once")
-        return self
+            yield misfit("on", "must name each point once")
 
 
 class MechanismModel(StrictModel):

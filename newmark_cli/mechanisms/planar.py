@@ -17,29 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, laws
+from newmark_cli.mechanisms import builder, laws, models
 from newmark_cli.mechanisms.builder import MISFIT, Follows, Sum
 from newmark_cli.mechanisms.element_tables import Term
-from newmark_cli.mechanisms.models import (
-    GROUND,
-    AngleJoint,
-    Bar,
-    Body,
-    BodyPoint,
-    Force,
-    Gear,
-    Law,
-    Line,
-    Mechanism,
-    Motion,
-    Point,
-    PythonForce,
-    Rolling,
-    Slider,
-    Torque,
-    TorsionDamper,
-    TorsionSpring,
-)
+from newmark_cli.mechanisms.models import GROUND, Law, Mechanism
 from newmark_cli.mechanisms.planar_outputs import Pins, PlanarOutputs, taken_apart
 from newmark_cli.problems.problem import Place, Push
 from newmark_cli.support.arrays import Array, IndexArray
@@ -327,7 +308,7 @@ class PlanarBuilder(builder.Builder):
 
     # -- points and bodies -----------------------------------------------------------------------
 
-    def _points(self, point: Point, path: KeyPath) -> None:
+    def _points(self, point: models.Point, path: KeyPath) -> None:
         if (point.fixed is None) == (point.at is None):
             message = "needs either 'fixed' or 'at', the initial position"
             raise self.document.error(path, message)
@@ -337,14 +318,14 @@ class PlanarBuilder(builder.Builder):
         elif point.at is not None:
             self.moving[name], self.start[name] = 2 * len(self.moving), complex(*point.at)
 
-    def _body_points(self, point: BodyPoint, path: KeyPath) -> None:
+    def _body_points(self, point: models.BodyPoint, path: KeyPath) -> None:
         body = self.known("bodies", point.on, (*path, "on"), self.mechanism.bodies)
         if not {body.from_, body.to} <= self.moving.keys() | self.fixed.keys():
             raise Follows
         z = complex(*point.at) / body.length
         self.sites[str(path[1])] = {body.from_: 1 - z, body.to: z}
 
-    def _bodies(self, body: Body, path: KeyPath) -> None:
+    def _bodies(self, body: models.Body, path: KeyPath) -> None:
         mechanism = self.mechanism
         for name, key in ((body.from_, "from"), (body.to, "to")):
             if name in mechanism.body_points and name not in mechanism.points:
@@ -355,13 +336,13 @@ class PlanarBuilder(builder.Builder):
 
     # -- parts -----------------------------------------------------------------------------------
 
-    def _bars(self, bar: Bar | Body, path: KeyPath) -> None:
+    def _bars(self, bar: models.Bar | models.Body, path: KeyPath) -> None:
         """A constant distance: ½ (|Δ|² − L²) = 0."""
         misfit = self.distance(bar.from_, bar.to, bar.length, path)
         self.require_length(f"{bar.from_} and {bar.to}", misfit, bar.length, path)
 
     def _on_line(
-        self, point: str, line: Line, path: KeyPath, point_path: KeyPath
+        self, point: str, line: models.Line, path: KeyPath, point_path: KeyPath
     ) -> tuple[Weights, Weights]:
         """Direction of a line, of length 1, and the vector from it to a point."""
         site = self.site(point, point_path)
@@ -377,7 +358,7 @@ class PlanarBuilder(builder.Builder):
             raise self.document.error(point_path, f"{point} is fixed")
         return along, away
 
-    def _sliders(self, slider: Slider, path: KeyPath) -> None:
+    def _sliders(self, slider: models.Slider, path: KeyPath) -> None:
         """A point on a line: n·Δ = 0; on a body d × Δ = 0, both of them moving."""
         point_path, size = (*path, "point"), abs(complex(*slider.through))
         if slider.on is not None:
@@ -396,7 +377,7 @@ class PlanarBuilder(builder.Builder):
         else:
             self.line(site, normal, path, (level,))
 
-    def _motions(self, motion: Motion, path: KeyPath) -> None:
+    def _motions(self, motion: models.Motion, path: KeyPath) -> None:
         """A law of time: of a place, of an angle or between two, or along a line."""
         key, law = next(iter(motion.driven.items()))
         law_path = (*path, key)
@@ -435,7 +416,7 @@ class PlanarBuilder(builder.Builder):
             parameters = self.fitting(law, now, law_path, 2 * math.pi)
             self.angular("ANGLE", difference, law_path, parameters=parameters, law=law)
 
-    def _torques(self, torque: Torque, path: KeyPath) -> None:
+    def _torques(self, torque: models.Torque, path: KeyPath) -> None:
         """A torque τ(t) on a body, the opposite one on another."""
         if torque.from_ == torque.on:
             raise self.document.error((*path, "from"), f"must be another body than {torque.on}")
@@ -449,7 +430,7 @@ class PlanarBuilder(builder.Builder):
                 timed = [] if law is None else [laws.Timed(law, law.parameters(), 0, sign)]
                 self.add("TORQUE", between, parameters=(constant,), timed=timed)
 
-    def _forces(self, force: Force, path: KeyPath) -> None:
+    def _forces(self, force: models.Force, path: KeyPath) -> None:
         """A force F(t) at a point."""
         site = self.moving_site(force.at, (*path, "at"))
         for amount, normal in zip(force.force, (1 + 0j, 1j), strict=True):
@@ -458,7 +439,7 @@ class PlanarBuilder(builder.Builder):
                 _, single = self.component(site, normal)
                 self.add("FORCE", single=single, parameters=law.parameters(), law=law)
 
-    def _torsion_springs(self, spring: TorsionSpring, path: KeyPath) -> None:
+    def _torsion_springs(self, spring: models.TorsionSpring, path: KeyPath) -> None:
         angles = self.relative(spring.from_, spring.to, path)
         rest = counted = self.sum_of(angles)
         if spring.rest_angle is not None:
@@ -466,11 +447,11 @@ class PlanarBuilder(builder.Builder):
             rest = spring.rest_angle + 2 * math.pi * round(counted / (2 * math.pi))
         self.add("TWIST", single=angles, parameters=(rest, spring.stiffness, 0.0))
 
-    def _torsion_dampers(self, damper: TorsionDamper, path: KeyPath) -> None:
+    def _torsion_dampers(self, damper: models.TorsionDamper, path: KeyPath) -> None:
         angles = self.relative(damper.from_, damper.to, path)
         self.add("TWIST", single=angles, parameters=(0.0, 0.0, damper.damping))
 
-    def _angle_joints(self, joint: AngleJoint, path: KeyPath) -> None:
+    def _angle_joints(self, joint: models.AngleJoint, path: KeyPath) -> None:
         """A constant angle: (Δ_a turned by φ) × Δ_b = 0."""
         if joint.from_ == joint.to:
             raise self.document.error((*path, "to"), f"joins {joint.to} with itself")
@@ -489,7 +470,7 @@ class PlanarBuilder(builder.Builder):
         turned = complex(math.cos(angle), math.sin(angle))
         self.pair({name: turned * weight for name, weight in start.items()}, end, (), path)
 
-    def _gears(self, gear: Gear, path: KeyPath) -> None:
+    def _gears(self, gear: models.Gear, path: KeyPath) -> None:
         """Turns in a ratio, counted from the start: θ_b − ψ = i (θ_a − ψ), Willis' equation."""
         angles = [(self.angle(gear.to, (*path, "to")), 1.0)]
         angles.append((self.angle(gear.from_, (*path, "from")), -gear.ratio))
@@ -497,7 +478,7 @@ class PlanarBuilder(builder.Builder):
             angles.append((self.angle(gear.on, (*path, "on")), gear.ratio - 1.0))
         self.pair({}, {}, tuple(angles), path, (self.sum_of(tuple(angles)),))
 
-    def _rolling(self, rolling: Rolling, path: KeyPath) -> None:
+    def _rolling(self, rolling: models.Rolling, path: KeyPath) -> None:
         """Contact and rolling without slip, on a line or on a circle.
 
         On a line d × Δ = ±r and d·Δ ± r (θ − ψ) is constant; on a circle |Δ| = R ± r, and
@@ -544,7 +525,7 @@ class PlanarBuilder(builder.Builder):
             angles.append((self.angle(circle.body, (*path, "circle", "body")), -circle.radius))
         self.pair({}, {}, tuple(angles), no_slip, (self.sum_of(tuple(angles)),))
 
-    def _python_forces(self, force: PythonForce, path: KeyPath) -> None:
+    def _python_forces(self, force: models.PythonForce, path: KeyPath) -> None:
         """Keep forces F(P, P', t) to be added to the problem later."""
         sites = []
         for place, point in enumerate(force.on):

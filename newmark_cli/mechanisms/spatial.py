@@ -10,27 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.mechanisms import builder, laws
+from newmark_cli.mechanisms import builder, laws, spatial_model
 from newmark_cli.mechanisms.builder import MISFIT, Row, Sum
 from newmark_cli.mechanisms.element_tables import Term
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import GROUND, Law, amounts_of, laws_of
-from newmark_cli.mechanisms.spatial_model import (
-    JointMotion,
-    SpatialBody,
-    SpatialBodyPoint,
-    SpatialForce,
-    SpatialJoint,
-    SpatialMechanism,
-    SpatialPoint,
-    SpatialTorque,
-    SpatialTorsionDamper,
-    SpatialTorsionSpring,
-    directors,
-    inertias,
-    inner,
-    unit,
-)
+from newmark_cli.mechanisms.spatial_model import SpatialMechanism, directors, inertias, inner, unit
 from newmark_cli.mechanisms.spatial_outputs import Connection, Side, SpatialOutputs
 from newmark_cli.problems.algebra import norm, product
 from newmark_cli.problems.problem import Place
@@ -132,16 +117,16 @@ class SpatialBuilder(builder.Builder):
 
     # -- points and bodies -----------------------------------------------------------------------
 
-    def _points(self, point: SpatialPoint, path: KeyPath) -> None:
+    def _points(self, point: spatial_model.SpatialPoint, path: KeyPath) -> None:
         self.sites[str(path[1])] = Side(-1, np.array(point.fixed), {})
 
-    def _body_points(self, point: SpatialBodyPoint, path: KeyPath) -> None:
+    def _body_points(self, point: spatial_model.SpatialBodyPoint, path: KeyPath) -> None:
         if path[1] in self.mechanism.points:
             raise self.document.error(path, f"there is a point {path[1]} of the ground, too")
         body = self.body(point.on, (*path, "on"))
         self.sites[str(path[1])] = Side(body, np.array(point.at), {})
 
-    def _bodies(self, body: SpatialBody, path: KeyPath) -> None:
+    def _bodies(self, body: spatial_model.SpatialBody, path: KeyPath) -> None:
         """Rows of a body."""
         if path[1] == GROUND:
             message = "'ground' is what bodies stand on; give this body another name"
@@ -215,7 +200,7 @@ class SpatialBuilder(builder.Builder):
 
     # -- joints --------------------------------------------------------------------------------
 
-    def _joints(self, joint: SpatialJoint, path: KeyPath) -> None:
+    def _joints(self, joint: spatial_model.SpatialJoint, path: KeyPath) -> None:
         kind, name = JOINTS[joint.type], str(path[1])
         a, b = self._sides(joint, path)
         length = self._joined(joint, a, b, path)
@@ -236,7 +221,7 @@ class SpatialBuilder(builder.Builder):
             self.squares[row] = length * length
             self.add("SQUARE", between, row=row, parameters=(length * length,))
 
-    def _sides(self, joint: SpatialJoint, path: KeyPath) -> tuple[Side, Side]:
+    def _sides(self, joint: spatial_model.SpatialJoint, path: KeyPath) -> tuple[Side, Side]:
         """Frames of a joint on both bodies."""
         kind, names = JOINTS[joint.type], (joint.from_, joint.to)
         numbers = self.both(self.body_or_ground, *names, path)
@@ -259,7 +244,7 @@ class SpatialBuilder(builder.Builder):
         first, second = map(Side, numbers, points, vectors)
         return first, second
 
-    def _joined(self, joint: SpatialJoint, a: Side, b: Side, path: KeyPath) -> float:
+    def _joined(self, joint: spatial_model.SpatialJoint, a: Side, b: Side, path: KeyPath) -> float:
         """Length that a joint keeps, or 0; requires its points to start where they should."""
         kind = JOINTS[joint.type]
         if not (kind.length or isinstance(joint.at, dict)):
@@ -279,7 +264,7 @@ class SpatialBuilder(builder.Builder):
         return 0.0
 
     def _about(
-        self, joint: SpatialJoint, first: int, second: int, path: KeyPath
+        self, joint: spatial_model.SpatialJoint, first: int, second: int, path: KeyPath
     ) -> list[dict[str, Array]]:
         """Vectors n, p and q on both bodies."""
         declared = joint.axis
@@ -308,7 +293,7 @@ class SpatialBuilder(builder.Builder):
         ]
 
     def _crossed(
-        self, joint: SpatialJoint, first: int, second: int, path: KeyPath
+        self, joint: spatial_model.SpatialJoint, first: int, second: int, path: KeyPath
     ) -> list[dict[str, Array]]:
         """Axes of a universal joint."""
         axes = joint.axes
@@ -369,7 +354,7 @@ class SpatialBuilder(builder.Builder):
 
     # -- motions and forces ----------------------------------------------------------------------
 
-    def _motions(self, motion: JointMotion, path: KeyPath) -> None:
+    def _motions(self, motion: spatial_model.JointMotion, path: KeyPath) -> None:
         for key, law in motion.driven.items():
             with self.checked():
                 if motion.joint is not None:
@@ -407,7 +392,7 @@ class SpatialBuilder(builder.Builder):
         between = _minus(_site(b), _site(a))
         self._follow(_direction(a, "n"), between, path, self.fitting(law, now, path), law)
 
-    def _forces(self, force: SpatialForce, path: KeyPath) -> None:
+    def _forces(self, force: spatial_model.SpatialForce, path: KeyPath) -> None:
         side = self.of_body(force.at, (*path, "at"))
         weights = np.concatenate([[1.0], side.point])
         first = 4 * side.body
@@ -420,7 +405,7 @@ class SpatialBuilder(builder.Builder):
             else:
                 self.loads[first : first + 4, axis] += weights * amount
 
-    def _torques(self, torque: SpatialTorque, path: KeyPath) -> None:
+    def _torques(self, torque: spatial_model.SpatialTorque, path: KeyPath) -> None:
         of_body, of_joint = torque.on in self.numbers, torque.on in self.mechanism.joints
         amounts = amounts_of(torque.torque)
         constants = [0.0 if isinstance(amount, Law) else amount for amount in amounts]
@@ -440,11 +425,11 @@ class SpatialBuilder(builder.Builder):
         kind = "FOLLOWER" if torque.frame == "body" else "MOMENT"
         self.add(kind, Sum((), [(place,)]), parameters=constants, timed=timed)
 
-    def _torsion_springs(self, spring: SpatialTorsionSpring, path: KeyPath) -> None:
+    def _torsion_springs(self, spring: spatial_model.SpatialTorsionSpring, path: KeyPath) -> None:
         parameters = (0.0, spring.stiffness, spring.rest_angle, 0.0)
         self._hinge(spring.on, parameters, (*path, "on"))
 
-    def _torsion_dampers(self, damper: SpatialTorsionDamper, path: KeyPath) -> None:
+    def _torsion_dampers(self, damper: spatial_model.SpatialTorsionDamper, path: KeyPath) -> None:
         self._hinge(damper.on, (0.0, 0.0, 0.0, damper.damping), (*path, "on"))
 
     # -- start ---------------------------------------------------------------------------------

@@ -10,29 +10,30 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, Tag, model_validator
+from pydantic import AfterValidator, Field, Tag
 
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.models import (
     GROUND,
     LISTED,
-    MAPPED,
     PLAIN,
     Amount,
     Bounded,
     DrivenModel,
     Law,
     Length,
+    ListedOr,
     MechanismModel,
+    Misfits,
     NotNegative,
+    PlainOr,
     amounts_of,
     branch,
     components,
     directed,
 )
-from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.documents import KeyPath, Number, StrictModel, misfit
+from newmark_cli.support.documents import KeyPath, Number, StrictModel, TiedModel, misfit
 
 #: Largest cosine of directions that are to be perpendicular: those of few digits are made so.
 _SKEW = 1e-3
@@ -48,19 +49,9 @@ Extents = Annotated[tuple[Length, Length, Length], components(3)]
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
-Place = Annotated[
-    Annotated[Vector, Tag(LISTED)] | Annotated[dict[str, Vector], Tag(MAPPED)],
-    branch(MAPPED, LISTED, LISTED),
-]
-Axis = Annotated[
-    Annotated[Direction, Tag(LISTED)] | Annotated[dict[str, Direction], Tag(MAPPED)],
-    branch(MAPPED, LISTED, LISTED),
-]
-TwoAxes = Annotated[
-    Annotated[tuple[Direction, Direction], Tag(LISTED)]
-    | Annotated[dict[str, Direction], Tag(MAPPED)],
-    branch(MAPPED, LISTED, LISTED),
-]
+Place = ListedOr[Vector, dict[str, Vector]]
+Axis = ListedOr[Direction, dict[str, Direction]]
+TwoAxes = ListedOr[tuple[Direction, Direction], dict[str, Direction]]
 
 
 def inner(first: Any, second: Any) -> Array:
@@ -81,17 +72,15 @@ def _cosine(first: Sequence[float], second: Sequence[float]) -> float:
     return sum(a / size * (b / other) for a, b in zip(first, second, strict=True))
 
 
-class Axes(StrictModel):
+class Axes(TiedModel):
     """Directions of two body axes at the start; the third follows."""
 
     x: Direction = Field(description="direction of the body's x axis, global")
     y: Direction = Field(description="direction of the body's y axis, global")
 
-    @model_validator(mode="after")
-    def _perpendicular(self) -> "Axes":
+    def _misfits(self) -> Misfits:
         if abs(cosine := _cosine(self.x, self.y)) > _SKEW:
-            raise misfit("y", f"must be perpendicular to x, the cosine is {cosine:.3g}")
-        return self
+            yield misfit("y", f"must be perpendicular to x, the cosine is {cosine:.3g}")
 
 
 class Tensor(StrictModel):
@@ -112,12 +101,7 @@ class Tensor(StrictModel):
         )
 
 
-Inertia = Annotated[
-    Annotated[Vector, Tag(LISTED)] | Annotated[Tensor, Tag(MAPPED)], branch(MAPPED, LISTED, LISTED)
-]
-
-
-class SpatialBody(StrictModel):
+class SpatialBody(TiedModel):
     """A rigid body: its origin and three directors."""
 
     position: Vector = Field(description="position of its origin at the start (m)")
@@ -126,7 +110,7 @@ class SpatialBody(StrictModel):
     )
     mass: NotNegative = Field(description="mass (kg)")
     centre: Vector = Field(_ORIGIN, description="mass centre in body axes, from its origin (m)")
-    inertia: Inertia | None = Field(
+    inertia: ListedOr[Vector, Tensor] | None = Field(
         None,
         description="about the mass centre, in body axes (kg m²): [xx, yy, zz], or all six by name",
     )
@@ -136,24 +120,22 @@ class SpatialBody(StrictModel):
     velocity: Vector = Field(_ORIGIN, description="initial velocity of its origin (m/s)")
     angular_velocity: Vector = Field(_ORIGIN, description="initial, in global axes (rad/s)")
 
-    @model_validator(mode="after")
-    def _possible(self) -> "SpatialBody":
+    def _misfits(self) -> Misfits:
         if (self.inertia is None) == (self.box is None):
             both = self.inertia is not None
             text = "give either 'inertia' or 'box'" + (", not both" if both else "")
-            raise misfit("box" if both else "mass", text)
-        if self.inertia is not None:
+            yield misfit("box" if both else "mass", text)
+        elif self.inertia is not None:
             moments = np.linalg.eigvalsh(self.tensor)
             size = max(abs(float(moments[0])), abs(float(moments[2])))
             if moments[0] < -_IMPOSSIBLE * size:
-                raise misfit("inertia", f"must not have a negative moment, {_listed(moments)}")
-            if moments[2] - moments[0] - moments[1] > _IMPOSSIBLE * size:
-                raise misfit(
+                yield misfit("inertia", f"must not have a negative moment, {_listed(moments)}")
+            elif moments[2] - moments[0] - moments[1] > _IMPOSSIBLE * size:
+                yield misfit(
                     "inertia",
                     f"no body has such moments, {_listed(moments)}: the largest is more than the "
                     "sum of the others; are they about the centre?",
                 )
-        return self
 
     @property
     def tensor(self) -> Array:
@@ -228,7 +210,7 @@ else:
 _GIVEN_BY_BODY = "; by body, in body axes: {crank: [...], rod: [...]}"
 
 
-class SpatialJoint(StrictModel):
+class SpatialJoint(TiedModel):
     """A joint between two bodies, or of a body and the ground."""
 
     type: JointType = Field(description=_KINDS)
@@ -245,32 +227,27 @@ class SpatialJoint(StrictModel):
         None, description="of 'distance': what it keeps (m); as at the start if omitted"
     )
 
-    @model_validator(mode="after")
-    def _complete(self) -> "SpatialJoint":
-        kind, errors = JOINTS[self.type], []
+    def _misfits(self) -> Misfits:
+        kind = JOINTS[self.type]
         if self.from_ == self.to:
-            errors.append(misfit("to", f"joins {self.to} with itself"))
+            yield misfit("to", f"joins {self.to} with itself")
         for key, count in (("axis", 1), ("axes", 2)):
             present = getattr(self, key) is not None
             if kind.axes == count and not present:
-                errors.append(misfit(key, f"missing: a {self.type} joint has it"))
+                yield misfit(key, f"missing: a {self.type} joint has it")
             if kind.axes != count and present:
-                errors.append(misfit(key, f"a {self.type} joint has no '{key}'"))
+                yield misfit(key, f"a {self.type} joint has no '{key}'")
         if isinstance(self.axes, tuple) and abs(cosine := _cosine(*self.axes)) > _SKEW:
-            errors.append(misfit("axes", f"must be perpendicular, the cosine is {cosine:.3g}"))
+            yield misfit("axes", f"must be perpendicular, the cosine is {cosine:.3g}")
         if self.length is not None and not kind.length:
-            errors.append(misfit("length", f"a {self.type} joint has no 'length'"))
+            yield misfit("length", f"a {self.type} joint has no 'length'")
         for key in ("at", "axis", "axes"):
             value = getattr(self, key)
             if isinstance(value, dict) and set(value) != {self.from_, self.to}:
                 text = f"must name both bodies, {self.from_} and {self.to}"
-                errors.append(misfit(key, f"{text}, given {', '.join(value) or 'none'}"))
+                yield misfit(key, f"{text}, given {', '.join(value) or 'none'}")
         if kind.length and not isinstance(self.at, dict):
-            errors.append(
-                misfit("at", "a distance has two points: give them by body, in body axes")
-            )
-        documents.together(errors)
-        return self
+            yield misfit("at", "a distance has two points: give them by body, in body axes")
 
 
 class SpatialTorsionSpring(StrictModel):
@@ -349,15 +326,6 @@ class Rate(StrictModel):
         return {key: rate for key, rate in self if rate is not None}
 
 
-OneOrBoth = Annotated[
-    Annotated[Bounded, Tag(PLAIN)] | Annotated[Rate, Tag(MAPPED)], branch(MAPPED, PLAIN, PLAIN)
-]
-Redundant = Annotated[
-    Annotated[Literal["refuse", "drop"], Tag(PLAIN)] | Annotated[dict[str, list[str]], Tag(MAPPED)],
-    branch(MAPPED, PLAIN, PLAIN),
-]
-
-
 class SpatialMechanism(MechanismModel):
     """A spatial mechanism; SI units."""
 
@@ -379,10 +347,10 @@ class SpatialMechanism(MechanismModel):
     outputs: list[Literal["points"]] = Field(
         [], description="further outputs: places of 'body_points'"
     )
-    rates: dict[str, OneOrBoth] = Field(
+    rates: dict[str, PlainOr[Bounded, Rate]] = Field(
         {}, description="relative rates of joints (rad/s, m/s), met while velocities are projected"
     )
-    redundant: Redundant = Field(
+    redundant: PlainOr[Literal["refuse", "drop"], dict[str, list[str]]] = Field(
         "refuse",
         description="constraints that depend on each other: refuse them, drop what is redundant, "
         "or release rows by joint, such as {P5: [q]}",

@@ -4,6 +4,7 @@ import csv
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -43,18 +44,13 @@ def filled(document: Document, beside: Mapping[str, bytes]) -> Document:
     Raises:
         DocumentError: For a mistake in a file, with its line, at the key that names it.
     """
-    tables = dict(_naming(document.data, ()))
-
-    def put(value: Any, path: KeyPath) -> Any:
-        if path in tables:
-            return _of_file(document, path, value, beside)
-        if isinstance(value, dict):
-            return {key: put(item, (*path, key)) for key, item in value.items()}
-        if isinstance(value, list):
-            return [put(item, (*path, i)) for i, item in enumerate(value)]
-        return value
-
-    return replace(document, data=put(document.data, ())) if tables else document
+    if not any(_naming(document.data, ())):
+        return document
+    data = deepcopy(document.data)
+    for path, table in [*_naming(data, ())]:
+        table |= _of_file(document, path, table, beside)
+        del table["file"]
+    return replace(document, data=data)
 
 
 def _naming(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, dict[str, Any]]]:
@@ -73,7 +69,7 @@ def _naming(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, dict[str, Any]
 def _of_file(
     document: Document, path: KeyPath, table: dict[str, Any], beside: Mapping[str, bytes]
 ) -> dict[str, Any]:
-    """Keys of a table, with the columns of its file in place of its name."""
+    """Columns of the file of a table, by their keys."""
     columns, named = _OF_LENGTH if path[:1] == ("springs",) else _OF_TIME, table["file"]
     where = (*path, "file")
     for key in columns.values():
@@ -87,8 +83,7 @@ def _of_file(
         raise document.error(where, f"{named}: not a text file in UTF-8") from None
     except ValueError as error:
         raise document.error(where, f"{named}, {error}") from None
-    others = {key: value for key, value in table.items() if key != "file"}
-    return others | dict(zip(columns.values(), values, strict=True))
+    return dict(zip(columns.values(), values, strict=True))
 
 
 def _columns(text: str, names: Sequence[str]) -> tuple[list[float], list[float]]:

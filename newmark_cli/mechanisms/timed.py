@@ -23,21 +23,7 @@ such a table one without laws, for the loops over elements.
 
 import numpy as np
 
-from newmark_cli.mechanisms import sines
-from newmark_cli.mechanisms.laws import (
-    ANOTHER,
-    COUNT,
-    DRIVES,
-    LAW,
-    MORE,
-    POWERS,
-    QUINTIC,
-    REPEATS,
-    SINE,
-    TARGET,
-    WEIGHT,
-    WHAT,
-)
+from newmark_cli.mechanisms import laws, sines
 from newmark_cli.support.cached_code import cached_njit, part_njit
 
 sine_cosine = cached_njit(nogil=True, error_model="numpy")(sines.sine_cosine)
@@ -48,18 +34,28 @@ _SLACK = 1e-6
 
 
 @_part
+def _oscillation(t, reals, first, derivative):
+    """A sin(ω t + φ), whose numbers begin at a place, or its first or second derivative."""
+    amplitude, frequency = reals[0, first], reals[0, first + 1]
+    sine, cosine = sine_cosine(frequency * t + reals[0, first + 2], reals.dtype.type)
+    if derivative == 0:
+        return amplitude * sine
+    if derivative == 1:
+        return amplitude * frequency * cosine
+    return -amplitude * frequency * frequency * sine
+
+
+@_part
 def law(t, reals, first, derivative):
     """The six parameters from a place on as a law of time, or a derivative of it."""
-    real = reals.dtype.type
-    half = real(0.5)
     rate, second = reals[0, first + 1], reals[0, first + 2]
-    amplitude, frequency = reals[0, first + 3], reals[0, first + 4]
-    sine, cosine = sine_cosine(frequency * t + reals[0, first + 5], real)
+    oscillation = _oscillation(t, reals, first + 3, derivative)
     if derivative == 0:
-        return reals[0, first] + (rate + half * second * t) * t + amplitude * sine
+        half = reals.dtype.type(0.5)
+        return reals[0, first] + (rate + half * second * t) * t + oscillation
     if derivative == 1:
-        return rate + second * t + amplitude * frequency * cosine
-    return second - amplitude * frequency * frequency * sine
+        return rate + second * t + oscillation
+    return second + oscillation
 
 
 @_part
@@ -80,55 +76,38 @@ def _term(t, what, count, repeats, reals, r, derivative):
     """A term of a law of time whose numbers begin at r, or its first or second derivative."""
     real = reals.dtype.type
     total = real(0)
-    if what == POWERS:
-        for k in range(count - 1, derivative - 1, -1):
-            factor = real(1)
-            for j in range(derivative):
-                factor *= real(k - j)
-            total = total * t + factor * reals[0, r + k]
-        return total
-    if what == SINE:
-        amplitude, frequency = reals[0, r], reals[0, r + 1]
-        sine, cosine = sine_cosine(frequency * t + reals[0, r + 2], real)
-        if derivative == 0:
-            return amplitude * sine
-        if derivative == 1:
-            return amplitude * frequency * cosine
-        return -amplitude * frequency * frequency * sine
-    first, last = reals[0, r], reals[0, r + 1]
-    if repeats != 0:
-        t = t - (last - first) * np.floor((t - first) / (last - first))
-    slack = real(_SLACK) * (last - first)
-    if not first - slack <= t <= last + slack:
-        return total + real(np.nan)
-    width = 7 if what == QUINTIC else 5
-    r = interval(t, reals, r + 2, count, width)
-    x = t - reals[0, r]
-    if what == QUINTIC:
-        for k in range(5, derivative - 1, -1):
-            factor = real(1)
-            for j in range(derivative):
-                factor *= real(k - j)
-            total = total * x + factor * reals[0, r + 6 - k]
-        return total
-    a, b, c, d = reals[0, r + 1], reals[0, r + 2], reals[0, r + 3], reals[0, r + 4]
-    if derivative == 0:
-        return ((a * x + b) * x + c) * x + d
-    if derivative == 1:
-        return (real(3) * a * x + real(2) * b) * x + c
-    return real(6) * a * x + real(2) * b
+    if what == laws.SINE:
+        return _oscillation(t, reals, r, derivative)
+    degree, backwards = count - 1, False
+    if what != laws.POWERS:
+        first, last = reals[0, r], reals[0, r + 1]
+        if repeats != 0:
+            t = t - (last - first) * np.floor((t - first) / (last - first))
+        slack = real(_SLACK) * (last - first)
+        if not first - slack <= t <= last + slack:
+            return total + real(np.nan)
+        degree, backwards = 5 if what == laws.QUINTIC else 3, True
+        r = interval(t, reals, r + 2, count, degree + 2)
+        t, r = t - reals[0, r], r + 1
+    for k in range(degree, derivative - 1, -1):
+        factor = real(1)
+        for j in range(derivative):
+            factor *= real(k - j)
+        total = total * t + factor * reals[0, r + (degree - k if backwards else k)]
+    return total
 
 
 @_part
 def _whole_law(t, ints, reals, e, derivative):
     """The law at e, with its terms, or its first or second derivative."""
     value = law(t, reals, ints[0, e + 2], derivative)
-    another = ints[0, e + MORE]
+    another = ints[0, e + laws.MORE]
     while another != 0:
         e += ints[0, e + 1]
-        what, count, repeats = ints[0, e + WHAT], ints[0, e + COUNT], ints[0, e + REPEATS]
-        value += _term(t, what, count, repeats, reals, ints[0, e + 2], derivative)
-        another = ints[0, e + ANOTHER]
+        what, count = ints[0, e + laws.WHAT], ints[0, e + laws.COUNT]
+        repeats, r = ints[0, e + laws.REPEATS], ints[0, e + 2]
+        value += _term(t, what, count, repeats, reals, r, derivative)
+        another = ints[0, e + laws.ANOTHER]
     return value
 
 
@@ -143,7 +122,7 @@ def at_time(t, ints, reals):
         ints, reals: Tables with laws.
     """
     last = 0
-    while last < ints.shape[1] and ints[0, last] != LAW:
+    while last < ints.shape[1] and ints[0, last] != laws.LAW:
         last += ints[0, last + 1]
     if last == ints.shape[1]:
         return t, reals
@@ -152,9 +131,9 @@ def at_time(t, ints, reals):
         frozen[0, k] = reals[0, k]
     e = last
     while e < ints.shape[1]:
-        if ints[0, e] == LAW:
-            target, drives = ints[0, e + TARGET], ints[0, e + DRIVES] != 0
-            weight = reals[0, ints[0, e + 2] + WEIGHT]
+        if ints[0, e] == laws.LAW:
+            target, drives = ints[0, e + laws.TARGET], ints[0, e + laws.DRIVES] != 0
+            weight = reals[0, ints[0, e + 2] + laws.WEIGHT]
             for k in range(3 if drives else 1):
                 value = _whole_law(t, ints, reals, e, k)
                 if drives:

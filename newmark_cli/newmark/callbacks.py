@@ -7,7 +7,7 @@ cannot pass through compiled code: it is kept, ends the march, and is raised aft
 
 import contextlib
 import ctypes
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +29,6 @@ from newmark_cli.newmark.march_data import (
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem, Values
 from newmark_cli.support import interrupts
-from newmark_cli.support.arrays import Array
 from newmark_cli.support.cached_code import cached_njit
 from newmark_cli.support.machine_code import generate_call
 
@@ -57,18 +56,6 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x, y, g):  # type: i
 def derive(t, u, v, w, ints, reals, rate, curvature, r, q):  # type: ignore[no-untyped-def]
     """Differentiate its constraints; of `kernel.derivatives_type`."""
     _derive(ints[0, 1], t, u, v, w, rate, curvature, r, q)  # type: ignore[call-arg]
-
-
-class _Vectors(dict[tuple[int | None, int], Array]):
-    """Arrays of a march by where they stand and their length."""
-
-    def __init__(self, arrays: Iterable[Array]) -> None:
-        super().__init__({(array.ctypes.data, len(array)): array for array in arrays})
-
-    def __missing__(self, key: tuple[int | None, int]) -> Array:
-        if key[1]:
-            raise KeyError(key)
-        return np.empty(0)
 
 
 class Callbacks:
@@ -120,7 +107,9 @@ class Callbacks:
         arrays = [*state.fields, *state.past, state.multipliers, *room.values, room.iterate.g_old]
         if work is not None:
             arrays += [work.shifted, work.rate, work.curvature, work.r, work.r_old, work.q]
-        self._vectors = _Vectors([] if self._problem.compiled else arrays)
+        # By where they stand and their length; nothing stands nowhere.
+        of = [] if self._problem.compiled else arrays
+        self._vectors = {(array.ctypes.data, len(array)): array for array in of}
         self._room = room
         self._error, self.calls.raised[0] = None, 0
         # An exception of a signal's handler would be lost in compiled code.
@@ -137,7 +126,8 @@ class Callbacks:
         tables = self._problem.ints, self._problem.reals
 
         def call(t: float, addresses: tuple[int | None, ...]) -> None:
-            vectors = [self._vectors[key] for key in zip(addresses, sizes, strict=True)]
+            keys = zip(addresses, sizes, strict=True)
+            vectors = [self._vectors[key] if key[1] else np.empty(0) for key in keys]
             function(t, *vectors[:3], *tables, *vectors[3:])
 
         def called(t: float, *addresses: int | None) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from newmark_cli.newmark.integrator import NEW_A, NEW_NU, NEW_V, NEW_W, TRUE_ACCELERATION
 from newmark_cli.newmark.march_data import State
-from newmark_cli.newmark.scheme import Schemes
+from newmark_cli.newmark.scheme import Schemes, contains
 from newmark_cli.problems.algebra import product
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
@@ -56,7 +56,7 @@ class Carrying:
             self._remember(step, state)
         elif size > behind and self.schemes.wide and self._takes_remembered(step, state):
             return True
-        if not self.schemes.is_across(step):
+        if not contains(self.schemes.across, step):
             return False
         t = self.schemes.grid.t(step - 1)
         u, v = state.fields[:2].astype(float)

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from newmark_cli.newmark import callbacks, kernel
+from newmark_cli.newmark import callbacks, kernel, march_data
 from newmark_cli.newmark.callbacks import Callbacks
 from newmark_cli.newmark.carrying import Carrying
 from newmark_cli.newmark.constraints import Constraining, FormulationTables, constraining_of
@@ -16,23 +16,9 @@ from newmark_cli.newmark.linear.solvers import LinearSystem
 from newmark_cli.newmark.linear.written.exchanges import Exchanges
 from newmark_cli.newmark.linear.written.static import StaticElimination, StaticSystem
 from newmark_cli.newmark.linear.written.static_elimination import solve_generated
-from newmark_cli.newmark.march_data import (
-    BY_ROUNDING,
-    COMPLETED,
-    SINGULAR,
-    TESTS,
-    Counts,
-    MatrixTables,
-    Plan,
-    ProblemTables,
-    Record,
-    Schedule,
-    Sizes,
-    State,
-    StepTables,
-    recording,
-)
-from newmark_cli.newmark.scheme import Scheme, Schemes, Tolerance
+from newmark_cli.newmark.march_data import COMPLETED, SINGULAR, Counts, Plan, Record, State
+from newmark_cli.newmark.scheme import Scheme, Schemes, Tolerance, contains
+from newmark_cli.newmark.steps import TimeGrid
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
@@ -40,9 +26,9 @@ from newmark_cli.support.arrays import Array
 class _Numbers(NamedTuple):
     """What the kernel is handed, as far as it may change with the step size."""
 
-    tables: StepTables
-    static: MatrixTables
-    dense: MatrixTables
+    tables: march_data.StepTables
+    static: march_data.MatrixTables
+    dense: march_data.MatrixTables
     extra: FormulationTables | None
     h: Array  #: (1,) step size (s)
     carried: Array  #: (P, P + 1) see `Scheme.carried`
@@ -57,15 +43,14 @@ class _Numbers(NamedTuple):
 
     def among(self, numbers: Array, units: int) -> "_Numbers":
         """The same, its arrays being parts of ``numbers``, which ends with the work space."""
-        arrays, begin, groups = self.arrays(units), 0, dict[str, dict[str, Any]]()
-        for (part, name), array in arrays.items():
-            size = None if name == "work" else begin + array.size
-            shape = -1 if name == "work" else array.shape
-            groups.setdefault(part, {})[name] = numbers[begin:size].reshape(shape)
-            begin += array.size
-        own = groups.pop("")
-        parts: Any = {part: getattr(self, part)._replace(**group) for part, group in groups.items()}
-        return self._replace(**own, **parts)
+        begin, found = 0, self
+        for (part, name), array in self.arrays(units).items():
+            end = begin + array.size
+            view = numbers[begin:] if name == "work" else numbers[begin:end].reshape(array.shape)
+            begin, new = end, {name: view}
+            own: Any = {part: getattr(found, part)._replace(**new)} if part else new
+            found = found._replace(**own)
+        return found
 
 
 #: What changes with the step size, besides the units of static elimination.
@@ -107,7 +92,7 @@ class Engine:
         system_at: Callable[[int], LinearSystem] | None = None,
     ) -> None:
         self.problem, self.scheme, self.static = problem, scheme, static
-        self.schemes = schemes = schemes or Schemes.of(problem, scheme)
+        self.schemes = schemes = schemes or Schemes(scheme, TimeGrid(problem.t0, scheme.h))
         self._constraining = constraining or constraining_of(problem, scheme)
         self._is_dense = system_at is None
         self._python = Callbacks(problem, scheme.dtype, system_at)
@@ -119,7 +104,7 @@ class Engine:
             self._numbers = self._numbers._replace(static=static.elimination.tables)
         self._solve = static.elimination.solve if static else solve_generated
         dtype, pattern = scheme.dtype, problem.pattern
-        self._tables = ProblemTables(
+        self._tables = march_data.ProblemTables(
             self._python.ints,
             problem.reals.astype(dtype),
             problem.mass_values.astype(dtype),
@@ -152,11 +137,9 @@ class Engine:
             eliminated = StaticElimination(problem, scheme, lists).entries
         constraining = self._constraining.at(scheme) if self._constraining else None
         dense, products = nothing, Products(*[np.empty(0, np.int64)] * 2)
-        if self._is_dense and constraining:
+        if self._is_dense:
             sums, products = assembly.of_formulation(problem, scheme.tables, constraining)
             dense = dense_tables(problem, scheme, sums)
-        elif self._is_dense:
-            dense = dense_tables(problem, scheme, assembly.of_index_3(problem, scheme.tables))
         return _Numbers(
             tables=scheme.tables,
             static=eliminated,
@@ -186,7 +169,7 @@ class Engine:
                 return room
         return count
 
-    def _sizes(self, first: int, count: int, begun: bool) -> Sizes:
+    def _sizes(self, first: int, count: int, begun: bool) -> march_data.Sizes:
         """Times and sizes of ``count`` steps, after as many as ``first``.
 
         ``begun`` if the past has been carried over to the first of them.
@@ -200,7 +183,7 @@ class Engine:
             kinds, which = np.unique(which, return_inverse=True)
             rows = np.array([self._row(max(kind, 0)) for kind in kinds.tolist()])
             self._memory[: self._width] = rows[which[0]]
-        return Sizes(
+        return march_data.Sizes(
             times=grid.times(np.arange(first, first + count + 1)),
             which=which.ravel(),
             rows=rows,
@@ -227,7 +210,7 @@ class Engine:
         Returns:
             How the march ended and the steps done.
         """
-        record = recording(state, np.empty(0)) if record is None else record
+        record = march_data.recording(state, np.empty(0)) if record is None else record
         steps = len(counts.norms)
         done = 0
         while True:
@@ -235,7 +218,7 @@ class Engine:
                 static = self.exchanges.at(state, first + done)
                 self._numbers = self._numbers._replace(static=static)
             begun = False
-            if self.schemes.is_carried(first + done + 1):
+            if contains(self.schemes.carrying, first + done + 1):
                 try:
                     begun = self._carrying.to(first + done + 1, state)
                 except np.linalg.LinAlgError:
@@ -255,11 +238,11 @@ class Engine:
         """Arguments of `newmark_cli.newmark.kernel.march`."""
         scheme, numbers = self.scheme, self._numbers
         stop, sizes = scheme.stop or Tolerance(), self._sizes(first, len(counts.norms), begun)
-        schedule = Schedule(
+        schedule = march_data.Schedule(
             compensated=scheme.compensated,
             cap=scheme.iteration_cap,
             settled_below=scheme.settled_below,
-            test=BY_ROUNDING if scheme.stop is None else TESTS[stop.test],
+            test=march_data.BY_ROUNDING if scheme.stop is None else march_data.TESTS[stop.test],
             limits=stop.limits,
             patience=self.exchanges.patience if self.exchanges else len(counts.norms) + 1,
         )

@@ -35,14 +35,6 @@ class Form:
     multipliers: tuple[str, ...] = ("lambda",)  #: λ, and η where the formulation has them
     formulation: str = INDEX_3  #: label of the formulation that the rows of constraints are of
 
-    def __post_init__(self) -> None:
-        if self.kept != tuple(f for f in FIELDS if f in self.kept) or not self.kept:
-            raise ValueError(f"form {self.name}: kept fields must be some of u, v, a, in order")
-        if self.rows != tuple(r for r in ROWS if r in self.rows):
-            raise ValueError(f"form {self.name}: rows must be some of D, V, K, C, in order")
-        if len(self.rows) != len(self.solved) or "D" not in self.rows:
-            raise ValueError(f"form {self.name}: needs D, C and as many rows as unknowns")
-
     @property
     def unknowns(self) -> tuple[str, ...]:
         """Unknowns of Newton's iteration, the multipliers last."""

@@ -131,13 +131,15 @@ class Integrator(ABC):
     def damped(self) -> bool:
         """Whether errors of a and λ that alternate from step to step die out."""
 
-    @abstractmethod
     def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
         """Numbers of the symbols that a scaling may use.
 
         β and γ are ∂u/∂v' h⁻² and ∂v/∂v' h⁻¹ of the scheme: γ/(βh) = ∂v/∂u and
         1/(βh²) = ∂v'/∂u, the sensitivities to displacement.
         """
+        unit = self.relations(1.0, ratio)
+        share = float(unit.acceleration[0])
+        return {"beta": unit.u_from_a / share, "gamma": unit.v_from_a / share, "h": h}
 
     def across(self, h: float, before: float) -> float:
         """What Gᵀv + Φ_t is in proportion to, where index 3 holds the constraints alone.
@@ -277,10 +279,6 @@ class Newmark(Integrator):
     def damped(self) -> bool:
         """Whether γ > 1/2 and β > γ/2."""
         return self.gamma > 0.5 and 2 * self.beta > self.gamma
-
-    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
-        """β, γ and h."""
-        return {"beta": self.beta, "gamma": self.gamma, "h": h}
 
     def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients over the past (u_n, v_n, a_n) at step size h (s)."""
@@ -441,7 +439,7 @@ class Alpha(_Alpha):
 
 @dataclass(frozen=True)
 class BDF1(Integrator):
-    """Implicit Euler: u = u_n + h v, v = v_n + h v'."""
+    """Implicit Euler: u = u_n + h v, v = v_n + h v', so that β = γ = 1."""
 
     description: ClassVar[str] = "implicit Euler method, order 1; no parameters"
     order: ClassVar[int] = 1
@@ -450,10 +448,6 @@ class BDF1(Integrator):
     def across(self, h: float, before: float) -> float:
         """What index 3 leaves of Gᵀv + Φ_t is in proportion to h."""
         return h
-
-    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
-        """β = γ = 1."""
-        return {"beta": 1.0, "gamma": 1.0, "h": h}
 
     def relations(self, h: float, ratio: float = 1.0) -> Relations:
         """Coefficients over the past (u_n, v_n) at step size h (s)."""
@@ -489,20 +483,14 @@ class BDF2(Integrator):
         """What index 3 leaves of Gᵀv + Φ_t is in proportion to h times both sizes together."""
         return h * (h + before)
 
-    def symbols(self, h: float, ratio: float = 1.0) -> dict[str, float]:
-        """β = b², γ = b; (2/3)² and 2/3 where the step size is constant."""
-        own = 1 + 2 * ratio
-        of_new = (1 + ratio) * (1 + ratio) / (own * own)
-        return {"beta": of_new, "gamma": (1 + ratio) / own, "h": h}
-
     def relations(self, h: float, ratio: float = 1.0) -> Relations:
-        """Coefficients over the past (u_n, v_n, w_n, ν_n) at step size h (s)."""
-        symbols, own = self.symbols(h, ratio), 1 + 2 * ratio
+        """Coefficients over the past (u_n, v_n, w_n, ν_n) at step size h (s); β = b² and γ = b."""
+        own = 1 + 2 * ratio
         of_last = ratio * ratio / own
         of_nu = h * (ratio * (ratio * ratio - ratio - 1)) / (own * own)
         return Relations(
-            v_from_a=symbols["gamma"] * h,
-            u_from_a=symbols["beta"] * h**2,
+            v_from_a=(1 + ratio) / own * h,
+            u_from_a=(1 + ratio) * (1 + ratio) / (own * own) * h**2,
             v_past=np.array([0.0, 1.0, 0.0, of_last]),
             u_past=np.array([1.0, h, of_last, of_nu]),
             acceleration=np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
@@ -526,16 +514,16 @@ INTEGRATORS: Mapping[str, type[Newmark | GeneralizedAlpha | HHT | Alpha | BDF1 |
 
 def is_trapezoidal(integrator: Integrator) -> bool:
     """Whether an integrator is the trapezoidal rule, by whatever name."""
-    rule, relations = Newmark().relations(1.0), integrator.relations(1.0)
-    past = relations.advance[: len(rule.advance)]
-    same = all(
-        np.array_equal(of_past[: len(of_rule)], of_rule) and not np.any(of_past[len(of_rule) :])
-        for of_past, of_rule in ((relations.v_past, rule.v_past), (relations.u_past, rule.u_past))
-    )
+    rule, own = Newmark().relations(1.0), integrator.relations(1.0)
+    places = len(rule.advance)
+    further = (0, max(0, len(own.advance) - places))
     return bool(
-        same
-        and np.array_equal(past, rule.advance)
-        and (relations.v_from_a, relations.u_from_a) == (rule.v_from_a, rule.u_from_a)
+        np.array_equal(own.advance[:places], rule.advance)
+        and np.array_equal(own.v_past, np.pad(rule.v_past, further))
+        and np.array_equal(own.u_past, np.pad(rule.u_past, further))
+        and (own.v_from_a, own.u_from_a) == (rule.v_from_a, rule.u_from_a)
+        # With a = v' at the start it is so ever after.
+        and (own.acceleration[0], own.acceleration[1:].sum()) == (1.0, 0.0)
     )
 
 

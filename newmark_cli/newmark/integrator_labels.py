@@ -20,23 +20,10 @@ _IN_LABELS = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", " = ":
 
 def plain_label(text: str) -> str:
     """A label from what tables and legends print of it; other text stays as it is."""
-    if text == TRAPEZOIDAL_NAME:
-        return Newmark().label
-    method, *rest = re.split(r" (?=\()", text, maxsplit=1)
-    plain = " ".join([method.casefold(), *rest])
-    for theirs, ours in _IN_LABELS.items():
-        plain = plain.replace(theirs, ours)
-    method, *arguments = plain.split(" ")
-    return " ".join([method, *map(_as_labelled, arguments)]) if method in INTEGRATORS else text
-
-
-def _as_labelled(argument: str) -> str:
-    """A parameter with its value as labels write it: ``alpha_f=0`` is ``alpha_f=0.0``."""
-    name, _, value = argument.partition("=")
     try:
-        return f"{name}={float(value)!r}"
-    except ValueError:
-        return argument
+        return parse(text).label
+    except IntegratorError:
+        return text
 
 
 def parse(label: str) -> Integrator:
@@ -45,9 +32,15 @@ def parse(label: str) -> Integrator:
     Raises:
         IntegratorError: If the label is not valid.
     """
-    method, *arguments = plain_label(label).split(" ")
-    if ".py:" in method:
+    if label == TRAPEZOIDAL_NAME:
+        return Newmark()
+    name, *rest = re.split(r" (?=\()", label, maxsplit=1)
+    if ".py:" in name:
         return own_integrator.read(label)
+    plain = " ".join([name.casefold(), *rest])
+    for theirs, ours in _IN_LABELS.items():
+        plain = plain.replace(theirs, ours)
+    method, *arguments = plain.split(" ")
     if method not in INTEGRATORS:
         raise IntegratorError(f"unknown integrator {label!r}{nearest(method, INTEGRATORS)}")
     pairs = [part.partition("=") for part in arguments]

@@ -3,6 +3,7 @@
 Solvers outside of the kernel and measures take it from here; see `linear/assembly.py`.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -98,13 +99,7 @@ def scaling_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
 
 def balancing_factors(scheme: Scheme, n: int, m: int) -> tuple[Array, Array]:
     """Factors that balance the blocks: by the sensitivities to displacement."""
-    balanced = sensitivity(scheme.form)
-    values = scheme.symbols
-    sizes = scheme.form.sizes(n, m)
-    return (
-        np.repeat([balanced.left[row](values) for row in scheme.form.rows], sizes),
-        np.repeat([balanced.right[unknown](values) for unknown in scheme.form.solved], sizes),
-    )
+    return scaling_factors(replace(scheme, scaling=sensitivity(scheme.form)), n, m)
 
 
 class Balanced:

@@ -7,7 +7,7 @@ from heapq import merge
 
 import numpy as np
 
-from newmark_cli.newmark import engine, kernel
+from newmark_cli.newmark import engine
 from newmark_cli.newmark.formulation import CORRECTED, RECOVERED
 from newmark_cli.newmark.linear import choice, solvers
 from newmark_cli.newmark.linear.choice import AUTO, Krylov
@@ -29,13 +29,6 @@ _STRETCH = {choice.DENSE: 5_000, choice.SPARSE: 20, choice.GMRES: 1}
 _STATIC_OPERATIONS = 2e7
 #: Most numbers that are recorded between two halts.
 _MOST_RECORDED = 2_000_000
-
-
-def is_ready(scheme: Scheme) -> bool:
-    """Whether the first step of a march of a scheme need not wait for the compiler."""
-    return bool(
-        kernel.is_compiled(scheme.dtype, scheme.formulated)  # type: ignore[no-untyped-call]
-    )
 
 
 def initial_state(problem: Problem, scheme: Scheme) -> State:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from newmark_cli.newmark.forms import MULTIPLIERS, Form, eliminate
+from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, Form, eliminate
 from newmark_cli.newmark.formulation import Formulation
 from newmark_cli.newmark.integrator import FIELDS, Newmark
 from newmark_cli.newmark.scaling import Scaling
@@ -24,91 +24,62 @@ _RATE_ORDERS = np.array([0, -1, -2])
 _INF = np.inf
 
 
-@dataclass(frozen=True)
-class Inverse:
-    """Orders of the blocks of J⁻¹ of a formulation's four-field system.
-
-    A block may be smaller than in general position: where Y, X or ∂(Gᵀv)/∂u is zero
-    (at rest), where constraints are linear, and where P = M⁻¹G.
-    """
-
-    columns: tuple[str, ...]  #: rows of the system, and so columns of J⁻¹
-    general: Mapping[str, tuple[float, ...]]  #: unknown → orders in general position
-    undamped: Mapping[str, tuple[float, ...]]  #: the same where Y = 0
-    special: Mapping[str, tuple[float, ...]]  #: largest order that any of the special cases has
-
-
-def _inverse(columns: str, *tables: Mapping[str, str]) -> Inverse:
-    """Tables as text, in the order of `Inverse`; an unknown that is not named has the first's."""
-    read: list[Mapping[str, tuple[float, ...]]] = []
-    for table in tables:
-        rows = {name: tuple(map(float, row.split())) for name, row in table.items()}
-        read.append(MappingProxyType({**(read[0] if read else {}), **rows}))
-    return Inverse(tuple(columns.split()), *read)
-
-
-#: Orders of the blocks of J⁻¹ by formulation; sub-tables of the first are eqs. 23 and 34.
-#: Without damping a perturbation of V reaches row D of index 3 through Y alone: where
+#: Cases of J⁻¹: general position; Y = 0; and what a block has at most where Y, X or ∂(Gᵀv)/∂u is
+#: zero (at rest), constraints are linear, or P = M⁻¹G.
+GENERAL, UNDAMPED, SPECIAL = "general", "undamped", "special"
+#: Formulation → case → unknown → orders of its blocks of J⁻¹ of the four-field system, by rows of
+#: that; what a case does not name is as in those before.  Sub-tables of the first are eqs. 23
+#: and 34.  Without damping a perturbation of V reaches row D of index 3 through Y alone: where
 #: Y = 0 it changes v and nothing else.
-INVERSES: Mapping[str, Inverse] = MappingProxyType(
+INVERSES: Mapping[str, Mapping[str, Mapping[str, str]]] = MappingProxyType(
     {
-        "index-3": _inverse(
-            "D V K C",
-            {"u": "2 2 0 0", "v": "1 0 -1 -1", "a": "0 0 -2 -2", "lambda": "0 0 -2 -2"},
-            {"u": "2 inf 0 0", "a": "0 inf -2 -2", "lambda": "0 inf -2 -2"},
-            {"u": "2 inf 0 0", "a": "0 inf -2 -2", "lambda": "0 inf -2 -2"},
-        ),
-        "index-2": _inverse(
-            "D V K Cv",
-            {"u": "2 1 0 1", "v": "1 0 0 0", "a": "0 -1 -1 -1", "lambda": "0 -1 -1 -1"},
-            {},
-            {"v": "1 0 inf 0", "a": "0 -1 inf -1", "lambda": "0 -1 inf -1"},
-        ),
-        "index-1": _inverse(
-            "D V K Ca",
-            {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"},
-            {},
-            {"u": "2 inf 0 2", "v": "1 0 inf 1", "a": "0 inf inf 0", "lambda": "0 inf inf 0"},
-        ),
-        "baumgarte": _inverse(
-            "D V K B", {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"}, {}, {}
-        ),
-        "baumgarte rate_h": _inverse(
-            "D V K B",
-            {"u": "2 1 0 2", "v": "1 0 -1 1", "a": "0 -1 -2 0", "lambda": "0 -1 -2 0"},
-            {},
-            {},
-        ),
-        "ggl": _inverse(
-            "D V K C Cv",
-            {
+        "index-3": {
+            GENERAL: {"u": "2 2 0 0", "v": "1 0 -1 -1", "a": "0 0 -2 -2", "lambda": "0 0 -2 -2"},
+            UNDAMPED: {"u": "2 inf 0 0", "a": "0 inf -2 -2", "lambda": "0 inf -2 -2"},
+        },
+        "index-2": {
+            GENERAL: {"u": "2 1 0 1", "v": "1 0 0 0", "a": "0 -1 -1 -1", "lambda": "0 -1 -1 -1"},
+            SPECIAL: {"v": "1 0 inf 0", "a": "0 -1 inf -1", "lambda": "0 -1 inf -1"},
+        },
+        "index-1": {
+            GENERAL: {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"},
+            SPECIAL: {
+                "u": "2 inf 0 2",
+                "v": "1 0 inf 1",
+                "a": "0 inf inf 0",
+                "lambda": "0 inf inf 0",
+            },
+        },
+        "baumgarte": {
+            GENERAL: {"u": "2 2 0 2", "v": "1 0 1 1", "a": "0 0 0 0", "lambda": "0 0 0 0"},
+        },
+        "baumgarte rate_h": {
+            GENERAL: {"u": "2 1 0 2", "v": "1 0 -1 1", "a": "0 -1 -2 0", "lambda": "0 -1 -2 0"},
+        },
+        "ggl": {
+            GENERAL: {
                 "u": "2 1 0 0 1",
                 "v": "1 0 0 0 0",
                 "a": "0 -1 -1 -1 -1",
                 "lambda": "0 -1 -1 -1 -1",
                 "eta": "3 1 0 0 1",
             },
-            {},
-            {
+            SPECIAL: {
                 "u": "2 inf 0 0 inf",
                 "v": "1 0 inf inf 0",
                 "a": "0 -1 inf inf -1",
                 "lambda": "0 -1 inf inf -1",
                 "eta": "inf 1 0 0 1",
             },
-        ),
-        "augmented-lagrangian": _inverse(
-            "D V K",
-            {"u": "2 2 0", "v": "1 0 -1", "a": "0 0 -2"},
-            {"u": "2 inf 0", "a": "0 inf -2"},
-            {"u": "2 inf 0", "a": "0 inf -2"},
-        ),
-        "augmented-lagrangian penalty": _inverse(
-            "D V K",
-            {"u": "2 2 0", "v": "1 0 1", "a": "0 0 0"},
-            {"u": "2 inf 0", "a": "0 inf 0"},
-            {"u": "2 inf 0", "a": "0 inf 0"},
-        ),
+        },
+        "augmented-lagrangian": {
+            GENERAL: {"u": "2 2 0", "v": "1 0 -1", "a": "0 0 -2"},
+            UNDAMPED: {"u": "2 inf 0", "a": "0 inf -2"},
+        },
+        "augmented-lagrangian penalty": {
+            GENERAL: {"u": "2 2 0", "v": "1 0 1", "a": "0 0 0"},
+            UNDAMPED: {"u": "2 inf 0", "a": "0 inf 0"},
+        },
     }
 )
 
@@ -228,20 +199,30 @@ def form_orders(
 
     penalty = _penalty(formulation)
     residual = _residuals(form, formulation, kept, rates_of_kept, compensated)
-    inverse = INVERSES[_table(formulation)]
-    columns = [inverse.columns.index(row) for row in form.rows]
-    table = inverse.general if damped else inverse.undamped
+    reactions = _rows_of_inverse(form, formulation, GENERAL, *[UNDAMPED] * (not damped))
+    special = _rows_of_inverse(form, formulation, GENERAL, UNDAMPED, SPECIAL)
     return FormOrders(
         form=form,
         weights=weights,
         jacobian=_jacobian(form, formulation, weights, damped, stiff),
-        inverse=np.array([table[u] for u in form.solved])[:, columns],
+        inverse=np.array([reactions[u] for u in form.solved]),
         residual=np.array([residual[row] for row in form.rows]),
-        reactions={unknown: np.array(row)[columns] for unknown, row in table.items()},
-        special=np.array([inverse.special[u] for u in form.solved])[:, columns],
+        reactions=reactions,
+        special=np.array([special[u] for u in form.solved]),
         differenced=not compensated,
         penalty=penalty,
     )
+
+
+def _rows_of_inverse(form: Form, formulation: Formulation, *cases: str) -> dict[str, Array]:
+    """Unknown → (rows,) orders of its row of the four-field J⁻¹."""
+    parameter, _ = formulation.parameter or ("", 0.0)
+    of_method = INVERSES[formulation.method]
+    tables = INVERSES.get(f"{formulation.method} {parameter}", of_method)
+    every = formulation.applied(FORMS["u-v-a-lambda"]).rows
+    columns = [every.index(row) for row in form.rows]
+    texts = {unknown: row for of in cases for unknown, row in tables.get(of, {}).items()}
+    return {unknown: np.array(row.split(), float)[columns] for unknown, row in texts.items()}
 
 
 #: Orders of the blocks of the rows of constraints in u, v, a: Gᵀ; ∂(Gᵀv)/∂u, Gᵀ; and so on.
@@ -284,13 +265,6 @@ def _penalty(formulation: Formulation) -> float:
         return _INF
     assert formulation.parameter is not None
     return -2.0 if formulation.parameter[0] == "factor" else 0.0
-
-
-def _table(formulation: Formulation) -> str:
-    """Which of `INVERSES` a formulation has."""
-    parameter, _ = formulation.parameter or ("", 0.0)
-    own = f"{formulation.method} {parameter}"
-    return own if own in INVERSES else formulation.method
 
 
 def _residuals(

@@ -7,6 +7,7 @@ factor a row block, D_R one a field, each a monomial in β, γ and h.
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from types import MappingProxyType
 
 from newmark_cli.newmark.forms import FORMS, MULTIPLIERS, ROWS, Form
@@ -42,11 +43,19 @@ TABLE_2: Mapping[str, Mapping[str, Mapping[str, str]]] = MappingProxyType(
     }
 )
 
-#: Factors of the rows and unknowns that other formulations than index 3 add, by the rule
-#: of `sensitivity`.
-BESIDE_TABLE_2: Mapping[str, Mapping[str, str]] = MappingProxyType(
-    {"left": {"Cv": "beta*h/gamma", "Ca": "beta*h^2", "B": "beta*h^2"}, "right": {"eta": "1"}}
-)
+#: Side → row or unknown of any form and formulation → factor by the rule of `sensitivity`.
+BY_SENSITIVITY: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "left": {
+            "D": "beta*h^2", "V": "beta*h/gamma", "K": "1",
+            "C": "1", "Cv": "beta*h/gamma", "Ca": "beta*h^2", "B": "beta*h^2",
+        },
+        "right": {
+            "u": "1", "v": "gamma/(beta*h)", "a": "1/(beta*h^2)", "lambda": "1/(beta*h^2)",
+            "eta": "1",
+        },
+    }
+)  # fmt: skip
 
 #: Entries of Table 2 as the scan prints them, where they differ from `TABLE_2`.
 PRINTED: Mapping[str, str] = MappingProxyType({"V": "1"})
@@ -191,16 +200,20 @@ _LABEL = re.compile(r"(?P<name>[A-Za-z0-9._-]+)\[(?P<sides>[^\[\]]*)\]")
 
 def named_scaling(variant: str, form: Form) -> Scaling:
     """Scaling of a form by a named variant."""
-    chosen = VARIANTS[variant]
-    blocks = {"left": form.rows, "right": form.unknowns}
-    table = {}
-    for side, allowed in blocks.items():
-        factors = chosen.factors or {
-            side: {**TABLE_2[form.name][side], **BESIDE_TABLE_2[side], **chosen.replaced}
-        }
-        used = factors.get(side, {}) if side in chosen.sides else {}
-        table[side] = {block: factor for block, factor in used.items() if block in allowed}
-    return own_scaling(variant, form, table["left"], table["right"])
+    chosen, of_form = VARIANTS[variant], TABLE_2[form.name]
+    factors = chosen.factors or {
+        side: {**BY_SENSITIVITY[side], **of_form[side], **chosen.replaced} for side in chosen.sides
+    }
+    return _tabled(variant, form, factors)
+
+
+def _tabled(name: str, form: Form, factors: Mapping[str, Mapping[str, str]]) -> Scaling:
+    """Scaling by what a table has for the blocks of a form."""
+    left, right = (
+        {block: factor for block, factor in factors.get(side, {}).items() if block in blocks}
+        for side, blocks in (("left", form.rows), ("right", form.unknowns))
+    )
+    return own_scaling(name, form, left, right)
 
 
 def own_scaling(
@@ -230,12 +243,11 @@ def own_scaling(
     return Scaling(name, side("left", left, form.rows), side("right", right, form.unknowns))
 
 
-#: ∂v/∂u and ∂a/∂u of the (u, λ) form, in the β and γ of the integrator.
-DISPLACEMENT_TO_V, DISPLACEMENT_TO_A = (
-    Monomial.parse(text) for text in ("gamma/(beta*h)", "1/(beta*h^2)")
-)
+#: ∂a/∂u of the (u, λ) form, in the β of the integrator.
+DISPLACEMENT_TO_A = Monomial.parse(BY_SENSITIVITY["right"]["a"])
 
 
+@cache
 def sensitivity(form: Form) -> Scaling:
     """Scaling by the sensitivity of each unknown to displacement.
 
@@ -243,14 +255,4 @@ def sensitivity(form: Form) -> Scaling:
     ∂a/∂u of the two-field form (u, λ), rows by their inverses.  It balances the
     blocks of J̄ for every integrator of the family.
     """
-    w_v, w_a = DISPLACEMENT_TO_V, DISPLACEMENT_TO_A
-    right = dict(zip((*FIELDS, *MULTIPLIERS), (ONE, w_v, w_a, w_a, ONE), strict=True))
-    left = {
-        **{"D": w_a**-1, "V": w_v**-1, "K": ONE, "C": ONE},
-        **{"Cv": w_v**-1, "Ca": w_a**-1, "B": w_a**-1},
-    }
-    return Scaling(
-        "sensitivity",
-        {row: left[row] for row in form.rows},
-        {field: right[field] for field in form.unknowns},
-    )
+    return _tabled("sensitivity", form, BY_SENSITIVITY)

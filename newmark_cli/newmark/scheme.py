@@ -30,7 +30,6 @@ from newmark_cli.newmark.integrator import (
 from newmark_cli.newmark.march_data import StepTables
 from newmark_cli.newmark.scaling import Scaling
 from newmark_cli.newmark.steps import TimeGrid
-from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
 #: Most schemes of steps that are kept.
@@ -320,11 +319,6 @@ class Schemes:
         self.base, self.grid = base, grid
         self._known: dict[int, Scheme] = {}
 
-    @classmethod
-    def of(cls, problem: Problem, scheme: Scheme) -> "Schemes":
-        """Steps of one size, from the problem's initial time."""
-        return cls(scheme, TimeGrid(problem.t0, scheme.h))
-
     def at(self, step: int) -> Scheme:
         """The scheme of a step, counted from 1; step 0 has that of the first."""
         if not self.grid.varies:
@@ -378,15 +372,8 @@ class Schemes:
         sizes = self.grid.successive
         return bool(sizes.max() >= _WIDE * sizes.min())
 
-    def is_across(self, step: int) -> bool:
-        """Whether a step is one of `across`."""
-        return _contains(self.across, step)
 
-    def is_carried(self, step: int) -> bool:
-        """Whether a step is one of `carrying`."""
-        return _contains(self.carrying, step)
-
-
-def _contains(steps: IndexArray, step: int) -> bool:
+def contains(steps: IndexArray, step: int) -> bool:
+    """Whether a step is one of ascending ones (k,)."""
     place = int(np.searchsorted(steps, step))
     return place < len(steps) and int(steps[place]) == step

@@ -50,10 +50,10 @@ class _Carried:
     t0: float  #: time of the start from which steps count (s); where their sizes vary, now
     done: int  #: steps since then
     steps: int  #: steps of the march
-    h: float  #: size of the last step (s)
-    before: float  #: of the one before it (s)
-    integrator: str  #: label of the integrator, whose past vectors the state has
-    enforced: str  #: formulation and projection, which decide what of Φ and Φ' is left
+    #: of the last step: its integrator has past vectors in the state, its formulation and
+    #: projection decide what of Φ and Φ' is left
+    scheme: Scheme
+    before: float  #: size of the step before the last (s)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -103,11 +103,6 @@ class Step:
         )
 
 
-def enforced_by(scheme: Scheme) -> str:
-    """Formulation and projection of a scheme."""
-    return f"{scheme.formulation.label}, {scheme.projection.label}"
-
-
 def step_of(march: March, stretch: Stretch | None = None) -> Step:
     """Where a march stands."""
     here, scheme, varies = march.seen, march.scheme, march.grid.varies
@@ -119,10 +114,8 @@ def step_of(march: March, stretch: Stretch | None = None) -> Step:
         march.t if varies else march.problem.t0,
         0 if varies else march.done,
         march.earlier + march.done,
-        scheme.h,
+        scheme,
         march.grid.size(march.done - 1),
-        scheme.integrator.label,
-        enforced_by(scheme),
     )
     return Step(
         t=march.t,
@@ -452,6 +445,7 @@ class Recorder:
         march: The march.
         finite: Whether all that was seen is.
         reason: Why the march is to end where it stands; empty as long as it may go on.
+        here: The last good step that the march halted at.
     """
 
     def __init__(
@@ -477,7 +471,7 @@ class Recorder:
         self._names = [name for name in KEPT if name in keep]
         for name in self._names:
             self._rows[name] = _Rows((m if name == "lambda" else n,), float, most)
-        self._good = step_of(march)
+        self.here = step_of(march)
 
     def stops(self, halt: int) -> frozenset[int]:
         """Steps on the way to another at which it wants to see the march."""
@@ -488,14 +482,9 @@ class Recorder:
         """Whether the march has ended early."""
         return self.march.ending != COMPLETED or not self.finite or bool(self.reason)
 
-    @property
-    def here(self) -> Step:
-        """The last good step that the march halted at."""
-        return self._good
-
     def keep_here(self) -> None:
         """Keep that step, unless it was kept already."""
-        step = self._good
+        step = self.here
         if self._last < step.carried.steps:
             count = step.iterations if step.converged else -step.iterations
             fields = {"u": step.u, "v": step.v, "a": step.a, "lambda": step.multipliers}
@@ -524,11 +513,11 @@ class Recorder:
         finite = self.finite and bool(good.all())
         finite = finite and all(bool(np.isfinite(array).all()) for array in state[:3])
         taken = len(stretch.iterations) > 0
-        here = step_of(self.march, stretch) if finite and taken else self._good
+        here = step_of(self.march, stretch) if finite and taken else self.here
         not_converged = self._not_converged + int(np.count_nonzero(stretch.iterations < 0))
         corrections = self._corrections + int(np.abs(stretch.iterations).sum())
         # In one statement, lest an interrupt part rows, the last good step and the counts.
-        self._kept, self._last, self.finite, self._good, self._not_converged, self._corrections = (
+        self._kept, self._last, self.finite, self.here, self._not_converged, self._corrections = (
             kept, last, finite, here, not_converged, corrections
         )  # fmt: skip
         if self._watch and finite and self.march.ending == COMPLETED:
@@ -557,11 +546,11 @@ class Recorder:
             iterations=np.abs(counts),
             converged=counts >= 0,
             status=status or ("not_converged" if self._not_converged else "ok"),
-            steps=self._good.carried.steps - self._begin,
+            steps=self.here.carried.steps - self._begin,
             not_converged=self._not_converged,
             newton_iterations=self._corrections,
             h=self.march.grid.h,
-            state=self._good,
+            state=self.here,
             problem=self.march.problem,
             arrays=arrays,
             reason=self.reason if status == REDUNDANT else "",

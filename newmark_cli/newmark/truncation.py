@@ -87,7 +87,8 @@ class Marched:
             return order
         if isinstance(self.sequence, Change):
             # What one change leaves behind has died out, or alternates.
-            return UNKNOWN if self._alternation_fed and quantity == "lambda" else order
+            alternates = self.alternates and self.auxiliary != RESCALE_VELOCITY
+            return UNKNOWN if alternates and quantity == "lambda" else order
         return UNKNOWN  # sizes and their order decide what changes that recur add up to
 
     def largest_error(self, quantity: str, since_start: bool) -> float:
@@ -110,11 +111,6 @@ class Marched:
             if not self.recovers and since_start:
                 return 1.0 if self.order > 1 else UNKNOWN
         return float(self.order)
-
-    @property
-    def _alternation_fed(self) -> bool:
-        """Whether a change of h makes λ alternate for good."""
-        return self.alternates and self.auxiliary != RESCALE_VELOCITY
 
     def _multipliers(self) -> float:
         projected = self.projection.level > 0

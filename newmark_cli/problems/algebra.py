@@ -85,7 +85,8 @@ def product(first: Any, second: Any) -> Array:
 
 def norm(vector: Array) -> float:
     """2-norm of a vector (n,)."""
-    return float(_compiled(_norm)(np.ascontiguousarray(vector, float).ravel()))
+    vector = np.ravel(np.asarray(vector, float))
+    return math.sqrt(product(vector, vector))
 
 
 def spectral_norm(matrix: Array) -> float:
@@ -181,13 +182,6 @@ def _multiply(left, right, result):
             factor = left[i, k]
             for j in range(right.shape[1]):
                 result[i, j] += factor * right[k, j]
-
-
-def _norm(vector):
-    total = 0.0
-    for i in range(vector.shape[0]):
-        total += vector[i] * vector[i]
-    return np.sqrt(total)
 
 
 def _largest(a):

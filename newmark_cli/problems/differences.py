@@ -387,7 +387,7 @@ def constraint_rows(
 def _by_differences(
     functions: Mapping[str, Any], in_time: bool, compile_: Compiler
 ) -> Callable[..., None]:
-    """`newmark_cli.problems.problem.Problem.derivatives` by central
+    """`newmark_cli.problems.problem.Problem.derivatives` by central differences.
 
     They find their own step; the longest is multiplied by ``reals[0, 0]``.  Rate and curvature
     remain as they were unless derivatives in time are wanted.

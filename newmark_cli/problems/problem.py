@@ -314,15 +314,6 @@ class Problem:
         state = _plain(np.float64, t, u, v)
         return float(kinetic), float(self.potential(*state, self.ints, self.reals))
 
-    def point_of(self, coordinate: int) -> str:
-        """Name of the point that a coordinate belongs to, for errors."""
-        points = self.points_given
-        place = coordinate - len(points) * len(self.axes)
-        if place < 0:
-            return points[coordinate // len(self.axes)]
-        further = self.coordinates_given
-        return further[place] if points and further else f"coordinate {coordinate + 1}"
-
     @cached_property
     def content(self) -> str:
         """Hexadecimal digest of what the problem's numbers depend on.

@@ -141,7 +141,10 @@ def solution(problem: Problem, t: float, on_work: Callable[[], None] = lambda: N
             looked for with at most `singular.LARGEST` unknowns, the step size vanishes, there
             are too many steps, or it is so sensitive that rounding spoils it.
     """
-    variants = _variants(problem)
+    # The problem, and the same with other steps of differences; twice itself without any.
+    shares = () if problem.rows_given == "exact" else _SHARES
+    variants = [problem, *(replace(problem, reals=share * problem.reals) for share in shares)]
+    variants += [problem] * (not shares)
     systems = [Index1(variant) for variant in variants]
     end, small = problem.t0 + t, problem.n + problem.m <= singular.LARGEST
     try:
@@ -236,13 +239,6 @@ def _along(problem: Problem, times: Array) -> States:
         t = time
     u_all, v_all, multipliers_all = (np.array(of) for of in zip(*states, strict=True))
     return u_all, v_all, multipliers_all
-
-
-def _variants(problem: Problem) -> list[Problem]:
-    """The problem, and the same with other steps of differences; twice itself without any."""
-    if problem.rows_given == "exact":
-        return [problem, problem]
-    return [problem, *(replace(problem, reals=share * problem.reals) for share in _SHARES)]
 
 
 def _changed_by_differences(

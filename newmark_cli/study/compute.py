@@ -7,9 +7,9 @@ from itertools import chain
 
 import numpy as np
 
-from newmark_cli.newmark import march_data
+from newmark_cli.newmark import kernel, march_data
 from newmark_cli.newmark.gaps import GapWatch
-from newmark_cli.newmark.march import March, is_ready
+from newmark_cli.newmark.march import March
 from newmark_cli.newmark.operations import of_march
 from newmark_cli.newmark.scheme import Scheme
 from newmark_cli.newmark.statistics import Measurement
@@ -66,7 +66,8 @@ def twins_of(cell: Cell, count: int) -> Iterator[March]:
 
 def prepare(cell: Cell) -> None:
     """Compile the kernel that a cell needs, unless it is: that is no time of the cell's."""
-    if not is_ready(scheme_of(cell)):
+    scheme = scheme_of(cell)
+    if not kernel.is_compiled(scheme.dtype, scheme.formulated):  # type: ignore[no-untyped-call]
         march_of(cell).advance(0)
 
 

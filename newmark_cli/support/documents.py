@@ -288,9 +288,10 @@ def unknown_name(
     )
 
 
-def misfit(key: str, message: str) -> PydanticCustomError:
-    """Error for a model's validator that belongs to the line of one key."""
-    return PydanticCustomError("own", "{message}", {"message": message, "key": key})
+def misfit(key: str | None, message: str) -> PydanticCustomError:
+    """Error for a model's validator that belongs to the line of one key, or of none."""
+    context = {"message": message} | ({"key": key} if key else {})
+    return PydanticCustomError("own", "{message}", context)
 
 
 def refused(error: InputError) -> PydanticCustomError:
@@ -329,12 +330,8 @@ def together(misfits: Iterable[PydanticCustomError]) -> None:
         raise PydanticCustomError("own", "{message}", {**(error.context or {}), "also": also})
 
 
-class RuledModel(StrictModel):
+class TiedModel(StrictModel):
     """Strict model whose keys are tied together by rules, each broken one a `misfit`."""
-
-    if TYPE_CHECKING:  # models that are made from tables have fields that mypy does not see
-
-        def __getattr__(self, name: str) -> Any: ...
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -344,6 +341,14 @@ class RuledModel(StrictModel):
     def _misfits(self) -> Iterator[PydanticCustomError]:
         """Keys that do not fit each other."""
         yield from ()
+
+
+class RuledModel(TiedModel):
+    """Such a model that is made from tables."""
+
+    if TYPE_CHECKING:  # which have fields that mypy does not see
+
+        def __getattr__(self, name: str) -> Any: ...
 
 
 @dataclass(frozen=True)

@@ -173,6 +173,12 @@ def test_several_mistakes_are_told_at_once():
     text = ARM.replace("on: arm", "on: arn").replace("from: ground", "from: grand")
     found = [one.partition(": unknown")[0] for one in mistakes(text)]
     assert found == ["bad.yaml, line 6: body_points.E.on", "bad.yaml, line 9: joints.A.from"]
+    gear = "{from: wheel, to: pinion, ratio: -2, on: cart}"
+    text = PLAIN_CART.replace(gear, "{from: wheel, to: wheel, ratio: 0}")
+    assert mistakes(text) == [
+        "bad.yaml, line 26: gears.mesh.ratio: must not be 0: the second body would not turn",
+        "bad.yaml, line 26: gears.mesh.to: must be different bodies, and another than the carrier",
+    ]
 
 
 ROD = """\

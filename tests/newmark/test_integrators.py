@@ -1,5 +1,6 @@
 """Integrators: labels, relations against the textbook, damping, orders, a published motion."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
 
@@ -189,6 +190,31 @@ def test_spectral_radii(integrator, radius):
     """Worked out by hand from the two-by-two map of (h v, h² a)."""
     assert spectral_radius(integrator) == pytest.approx(radius, abs=SHARP)
     assert integrator.damped == (radius < 1)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "expected"),
+    [
+        (Newmark(), True),
+        (GeneralizedAlpha(1.0), True),
+        (HHT(0.0), True),
+        (Alpha(0.25, 0.5, 0.3, 0.3), True),
+        # The same V and K, but v' is not a.
+        (Alpha(0.25, 0.5, -0.1, 0.0), False),
+        (Newmark(0.25, 0.6), False),
+        (GeneralizedAlpha(0.9), False),
+        (BDF2(), False),
+    ],
+)
+def test_names_of_the_trapezoidal_rule(integrator, expected):
+    """Its states, and its own start, whatever it is called."""
+    rule, own = (
+        newmark.march("four-bar", h=1e-2, steps=5, integrator=of) for of in (Newmark(), integrator)
+    )
+    assert np.allclose(own.u, rule.u, rtol=0, atol=1e-12) == expected
+    refused = pytest.raises(newmark.NewmarkError, match="corrected is of the trapezoidal rule")
+    with nullcontext() if expected else refused:
+        newmark.march("pendulum", h=1e-2, steps=1, start="corrected", integrator=integrator)
 
 
 # Orders in h of corrections and condition numbers

@@ -83,15 +83,13 @@ def constants(problem: Problem, tables: StepTables) -> Constants:
     return Constants(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def of_index_3(problem: Problem, tables: StepTables) -> Sums:
-    """X, Y and −G in row D, Gᵀ in row C."""
-    return of_formulation(problem, tables)[0]
-
-
 def of_formulation(
     problem: Problem, tables: StepTables, constraining: Constraining | None = None
 ) -> tuple[Sums, Products]:
-    """X and Y in row D, rows of constraints, −G, a penalty, and the columns of η."""
+    """X and Y in row D, rows of constraints, −G, a penalty, and the columns of η.
+
+    Index 3 has X, Y and −G in row D, and Gᵀ in row C.
+    """
     sources = _Sources(problem, constraining)
     # Φ itself for index 3.
     weights = constraining.weights if constraining else np.eye(1, 3)

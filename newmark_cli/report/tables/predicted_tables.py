@@ -14,7 +14,7 @@ from newmark_cli.newmark.formulation import formulated
 from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import form_orders
-from newmark_cli.newmark.scaling import BESIDE_TABLE_2, TABLE_2, VARIANTS, named_scaling
+from newmark_cli.newmark.scaling import BY_SENSITIVITY, TABLE_2, VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 from newmark_cli.report.judging.fits import format_order
 from newmark_cli.report.tables.table import Report, Table, pivoted
@@ -64,13 +64,14 @@ def formulations() -> Report:
         ]
         tables.append(pivoted(title, entries, rows, "column", itemgetter("order")))
     sides = (("left", ROWS), ("right", MULTIPLIERS))
+    of_index_3 = TABLE_2["u-v-a-lambda"]
     blocks = [
-        (side, block) for side, names in sides for block in names if block in BESIDE_TABLE_2[side]
+        (side, block) for side, names in sides for block in names if block not in of_index_3[side]
     ]
     factors = Table(
         "Factors of the rows and unknowns that formulations add",
         ("", *(block_name(*block) for block in blocks)),
-        (("factor", *(factor_text(BESIDE_TABLE_2[side][block]) for side, block in blocks)),),
+        (("factor", *(factor_text(BY_SENSITIVITY[side][block]) for side, block in blocks)),),
     )
     return Report("formulations", (*tables, factors), LEGEND)
 

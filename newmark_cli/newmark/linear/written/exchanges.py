@@ -107,7 +107,7 @@ def _written(
 ) -> Written | None:
     """Partial pivoting with an order of rows; None where there is too much fill."""
     fixed = assembly.constants(problem, scheme.tables)
-    sums = assembly.of_index_3(problem, scheme.tables)
+    sums, _ = assembly.of_formulation(problem, scheme.tables)
     places = np.concatenate([fixed.rows, sums.rows]), np.concatenate([fixed.columns, sums.columns])
     lists = EliminationLists(Order(rows, np.arange(len(rows))), *places)
     if lists.operations > generated.OPERATIONS_AT_MOST:

@@ -25,7 +25,6 @@ from newmark_cli.newmark.linear.written.static_elimination import (
 )
 from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, MatrixTables
 from newmark_cli.support import machine_code, sources
-from newmark_cli.support.arrays import IndexArray
 
 #: Most multiplications and subtractions of an elimination that is written out.  Compiling
 #: takes 0.1 s for so many, and from there on longer than in proportion.
@@ -71,13 +70,6 @@ class Written(NamedTuple):
 def made_from() -> str:
     """Digest of the sources of all such code."""
     return sources.stamp(Path(__file__))
-
-
-def _sections(tables: MatrixTables) -> dict[str, IndexArray]:
-    """Contents of ``structure``, by name."""
-    begins = tables.room[: len(SECTIONS)].astype(int)
-    parts = np.split(tables.structure, begins[1:])
-    return dict(zip(SECTIONS, parts, strict=True))
 
 
 def _came_before(rows: Sequence[int]) -> list[set[int]]:
@@ -127,7 +119,8 @@ class _Code:
         self.build, self.number, self.magnitude = build, number, magnitude
         sources, self.rhs, self.constant, self.coefficients, self.work = build.function.args
         self.signed = not self.pivoting and bool(tables.room[SIGNED])
-        self.of = {name: part.tolist() for name, part in _sections(tables).items()}
+        parts = np.split(tables.structure, tables.room[1 : len(SECTIONS)].astype(int))
+        self.of = {name: part.tolist() for name, part in zip(SECTIONS, parts, strict=True)}
         self.places, self.origins = tables.places.tolist(), tables.origins.tolist()
         self.size = int(tables.room[-1])
         self.source = [self._value(sources, k) for k in range(max(self.origins, default=-1) + 1)]

@@ -39,7 +39,7 @@ class StaticElimination:
         self.problem, self.scheme = problem, scheme
         self.size = assembly.unknowns(problem, scheme)
         self.constants = assembly.constants(problem, scheme.tables)
-        self._sums = assembly.of_index_3(problem, scheme.tables)
+        self._sums, _ = assembly.of_formulation(problem, scheme.tables)
         if lists:
             self.lists = lists
             return
