@@ -47,21 +47,24 @@ def block(name: str) -> str:
 
 
 def _lines(member: testset.Member) -> Iterator[str]:
-    yield f"\n## {member.name}\n"
-    yield f"![{member.title}, at its start](figures/testset-{member.name}.png)\n"
-    errors = member.errors or {}
+    name, title, errors = member["name"], member["title"], member["errors"] or {}
+    size = (
+        f"degrees of freedom {member['degrees_of_freedom']}, n = {member['n']}, m = {member['m']}"
+    )
+    yield f"\n## {name}\n"
+    yield f"![{title}, at its start](figures/testset-{name}.png)\n"
     stated = ", ".join(f"{sign} {errors[part]:.0e}" for part, sign in _SIGNS.items())
     for label, text in (
-        (member.title, member.description),
-        ("Tests", member.tests),
-        ("Source", member.source),
-        ("Size", f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"),
-        ("Reference", f"at t = {', '.join(f'{t:g}' for t in member.times)} s; errors {stated}"),
-        ("Confirmed by", member.second),
-        ("Published", member.published),
+        (title, member["description"]),
+        ("Tests", member["tests"]),
+        ("Source", member["source"]),
+        ("Size", size),
+        ("Reference", f"at t = {', '.join(f'{t:g}' for t in member['times'])} s; errors {stated}"),
+        ("Confirmed by", member["second"]),
+        ("Published", member["published"]),
     ):
         yield f"- **{label}**: {text}."
-    row = testset.references(member.name)[-1]
+    row = testset.references(name)[-1]
     yield f"\nValues at t = {float(row['t']):g} s:\n"
     yield "| | u | v |\n| --- | --- | --- |"
     values = {key: f"{float(value):.12g}" for key, value in row.items()}
@@ -72,9 +75,9 @@ def _lines(member: testset.Member) -> Iterator[str]:
     yield "\n| λ, or output | |\n| --- | --- |"
     for key in rest:
         yield f"| `{key.partition('[')[2][:-1]}` | {values[key]} |"
-    yield f"\n![{member.title}, errors over h](figures/testset-{member.name}-errors.png)"
+    yield f"\n![{title}, errors over h](figures/testset-{name}-errors.png)"
     for table in _tables():
-        if table.startswith(f"{member.name}, "):
+        if table.startswith(f"{name}, "):
             yield "\n" + table
 
 
@@ -98,7 +101,7 @@ _SIGNS = {"u": "u", "v": "v", "lambda": "λ"}
 def picture(name: str) -> bytes:
     """A small PNG of the mechanism at its start."""
     subject = registry.problem(name)
-    sheet = draw_mechanism.mechanism_sheet(testset.member(name).title, subject, subject.u0)
+    sheet = draw_mechanism.mechanism_sheet(testset.member(name)["title"], subject, subject.u0)
     large = io.BytesIO()
     draw.drawn(sheet, _SIZE).savefig(large, format="png", dpi=_DPI)
     return _small(Image.open(large))

@@ -16,6 +16,7 @@ from newmark_cli.cli.shared import (
     evaluation_option,
     file_option,
     formulation_option,
+    integrator_named,
     json_option,
 )
 from newmark_cli.support.errors import ArgumentError, InputError
@@ -143,10 +144,8 @@ def advise(
     if [subject is None, matrices is None, not jacobians].count(False) != 1:
         raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
     options = {name: value for name, value in options.items() if value is not None}
-    if allow_code and "integrator" in options:
-        from newmark_cli.study import naming
-
-        options["integrator"] = naming.integrator_named(options["integrator"])
+    if "integrator" in options:
+        options["integrator"] = integrator_named(options["integrator"], allow_code)
     advice: list[Advice] | list[JacobianAdvice]
     if jacobians:
         advice = [_of_jacobians(jacobians, blocks, steps, options)]

@@ -5,9 +5,8 @@ import re
 import shutil
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,6 +23,7 @@ from newmark_cli.cli.shared import (
     flag,
     formats_option,
     formulation_option,
+    integrator_named,
     json_option,
     results_folder,
     size_option,
@@ -225,36 +225,13 @@ def draw(
         raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
         raise InputError("--animate: needs --at T, the end of the motion")
-    spec = naming.problem_named(problem, allow_code)
-    subject = spec.load()
-    if subject.drawing is None:
-        raise InputError(
-            f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
-        )
-    from newmark_cli.problems.problem import is_beyond
     from newmark_cli.report.drawing import draw as drawing
     from newmark_cli.report.drawing import draw_mechanism, style
-    from newmark_cli.study import keys, motion
 
-    if is_beyond(subject.until, time):
-        raise InputError(
-            f"--{'until' if points else 'at'}: must be at most {subject.until:g} s, where a table "
-            f"of {spec.label} ends, given {time:g} s"
-        )
-
-    if allow_code:
-        integrator = naming.integrator_named(method)
-    else:
-        integrator = keys.read("--integrator", method, keys.IntegratorConfig)
-    places = [subject.u0]
-    draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
-    if time:
-        shown = frames if animated else _ON_PATH if points else 2
-        moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)
-        places = list(moved.positions)
-        if moved.doubt:
-            advice = "" if step is None else "; try a smaller --h"
-            screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
+    spec = naming.problem_named(problem, allow_code)
+    integrator = integrator_named(method, allow_code)
+    shown = frames if animated else _ON_PATH if points else 2
+    subject, places = _moved(spec, points, time, shown, step, integrator)
     title = subject.drawing.title or spec.label
     if animated is not None:
         step = time / (frames - 1)
@@ -264,16 +241,49 @@ def draw(
         return 0
     ways = draw_mechanism.paths(subject, points, places)
     title += f", {'to ' * bool(points)}t = {time:g} s" if time else ""
-    label = "-path-".join((spec.label.removesuffix(".yaml"), "-".join(points)))
-    name = re.sub(r"[^\w-]+", "-", label.removesuffix("-path-")).strip("-") or "mechanism"
-    name += f"-at-{time:g}" if time and not points else ""
     shape = draw_mechanism.mechanism_sheet(title, subject, places[0 if points else -1], ways)
+    name = _drawing_name(spec.label, points, time)
     with style.of_file(style_file) as settings:
         figure = drawing.drawn(shape, size, settings)
         drawn = {f"{name}.{kind}": style.rendered(figure, kind, settings) for kind in formats}
     for file in style.save(drawn, folder):
         screen.line(file)
     return 0
+
+
+def _moved(
+    spec: Any, points: Sequence[str], time: float, shown: int, step: float | None, integrator: Any
+) -> tuple[Any, list[Any]]:
+    """A mechanism, and so many of its positions (n,) from the start to a time, if it moves."""
+    from newmark_cli.problems.problem import is_beyond
+    from newmark_cli.report.drawing import draw_mechanism
+    from newmark_cli.study import motion
+
+    subject = spec.load()
+    if subject.drawing is None:
+        raise InputError(
+            f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
+        )
+    if is_beyond(subject.until, time):
+        raise InputError(
+            f"--{'until' if points else 'at'}: must be at most {subject.until:g} s, where a table "
+            f"of {spec.label} ends, given {time:g} s"
+        )
+    draw_mechanism.paths(subject, points, [subject.u0])  # refuses unknown points at once
+    if not time:
+        return subject, [subject.u0]
+    moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)
+    if moved.doubt:
+        advice = "" if step is None else "; try a smaller --h"
+        screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
+    return subject, list(moved.positions)
+
+
+def _drawing_name(label: str, points: Sequence[str], time: float) -> str:
+    """The name of a drawing's files, without their ending."""
+    parts = [label.removesuffix(".yaml"), *(("path", *points) if points else ())]
+    name = re.sub(r"[^\w-]+", "-", "-".join(parts)).strip("-") or "mechanism"
+    return f"{name}-at-{time:g}" if time and not points else name
 
 
 #: What the entries of a section of `list` mean.
@@ -355,20 +365,19 @@ def _list_problems(as_json: bool) -> None:
 
     members = [testset.member(name) for name in PROBLEMS]
     if as_json:
-        freedom = "degrees_of_freedom"
-        screen.lines(as_json_text([asdict(one) | {freedom: one.n - one.m} for one in members]))
+        screen.lines(as_json_text(members))
         return
     rows: list[tuple[str, ...]] = [("problem", "DOF", "n", "m", "t_end", "error u", "v", "λ")]
     for one in members:
-        t_end = "" if one.t_end is None else f"{one.t_end:g}"
-        errors = [f"{one.errors[part]:.0e}" if one.errors else "" for part in testset.PARTS]
-        sizes = str(one.degrees_of_freedom), str(one.n), str(one.m)
-        rows.append((one.name, *sizes, t_end, *errors))
+        t_end = "" if one["t_end"] is None else f"{one['t_end']:g}"
+        errors = [f"{one['errors'][part]:.0e}" if one["errors"] else "" for part in testset.PARTS]
+        sizes = (str(size) for size in (one["degrees_of_freedom"], one["n"], one["m"]))
+        rows.append((one["name"], *sizes, t_end, *errors))
     head, rule, *lines = text_table(rows).splitlines()
     screen.lines(f"{head}\n{rule}")
     for one, line in zip(members, lines, strict=True):
         screen.line(line.rstrip())
-        screen.lines(wrapped(f"{one.tests or one.description}; {one.source}", 4))
+        screen.lines(wrapped(f"{one['tests'] or one['description']}; {one['source']}", 4))
 
 
 def _chosen_orders(

@@ -14,6 +14,7 @@ from newmark_cli.cli.shared import (
     file_option,
     flag,
     formulation_option,
+    integrator_named,
     json_option,
 )
 
@@ -87,8 +88,8 @@ def judge(
     if table is None or problem is None:
         raise click.UsageError("give TABLE and --problem, or --template")
     arguments = {name: value for name, value in options.items() if value is not None}
-    if allow_code and "integrator" in arguments:
-        arguments["integrator"] = naming.integrator_named(arguments["integrator"])
+    if "integrator" in arguments:
+        arguments["integrator"] = integrator_named(arguments["integrator"], allow_code)
     judged: Judged = call_with_problem(
         naming.problem_named(problem, allow_code), judging.of_files, table, arguments
     )

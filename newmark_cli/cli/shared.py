@@ -228,12 +228,7 @@ def as_json_text(value: object) -> str:
     """JSON for programs; NaN and infinity are null, what no terminal prints is escaped."""
     import json
 
-    def plain(part: object) -> object:
-        if isinstance(part, dict):
-            return {key: plain(item) for key, item in part.items()}
-        if isinstance(part, list | tuple):
-            return [plain(item) for item in part]
-        return None if isinstance(part, float) and not math.isfinite(part) else part
+    from newmark_cli.support.arrays import plain
 
     # Other encodings lack something.
     encoding = str(getattr(sys.stdout, "encoding", "")).lower().replace("-", "")
@@ -241,6 +236,15 @@ def as_json_text(value: object) -> str:
     # Only strings have such characters: JSON's own line ends are line feeds.
     hidden = {c for c in text if visible_lines(c) != c}
     return text.translate({ord(c): json.dumps(c)[1:-1] for c in hidden})
+
+
+def integrator_named(text: str, allow_code: bool) -> Any:
+    """The integrator that ``--integrator`` names, which may be code if that is allowed."""
+    from newmark_cli.study import keys
+    from newmark_cli.study.subjects import Surroundings
+
+    around = Surroundings(allow_code=allow_code)
+    return keys.read("--integrator", text, keys.IntegratorConfig, around)
 
 
 def call_with_problem(spec: Any, function: Callable[..., Any], *arguments: Any) -> Any:

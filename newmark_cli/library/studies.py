@@ -3,7 +3,6 @@
 import json
 import tempfile
 from collections.abc import Mapping
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
 _RECORDS = "newmark-study records"
 #: Attribute of a frame: study → its trajectories, as the text of their CSV.
 _TRAJECTORIES = "newmark-study trajectories"
+#: By what `plot` chooses series.
+_CHOOSABLE = ("measure", "quantity", "form", "problem", "preconditioning", "integrator")
 #: What of a record goes with a frame: the config says what is accepted and drawn.
 _KEPT = ("study", "config", "motions", "not_unique")
 
@@ -229,21 +230,17 @@ def plot(
     from newmark_cli.report.reading.choosing import Choice
 
     sides = _sides(size)
-    choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
-    choice = {ALIASES.get(name, name): value for name, value in choice.items()}
-    for name, value in choice.items():
-        arguments.one_of("argument", name, ("measure", *choosable))
+    values: dict[str, tuple[str, ...]] = {}
+    for given, value in choice.items():
+        name = arguments.one_of("argument", ALIASES.get(given, given), _CHOOSABLE)
         if not isinstance(value, str):
             raise ArgumentError(f"{name} must be text, given {arguments.shown(value)}")
+        values[name] = (value,)
     fits, recorded = _fits(frame)
     data = Results(_NOWHERE, fits, in_memory=recorded)
-    chosen = Choice(
-        (choice["measure"],) if "measure" in choice else (),
-        {name: (choice[name],) if name in choice else () for name in choosable},
-        everything=True,
-    )
+    wanted = Choice(values.pop("measure", ()), values, everything=True)
     try:
-        figures = plotting.chosen((), data, chosen).figures
+        figures = plotting.chosen((), data, wanted).figures
     except InputError as error:
         raise ArgumentError(str(error).replace("--", "")) from None
     names = [plotting.stem(entry) for entry in figures]
@@ -263,20 +260,17 @@ def _sides(size: Any) -> tuple[float, float | None] | None:
     if size is None:
         return None
     given = size if isinstance(size, tuple | list) else (size, None)
-    sides = [side for side in given if side is not None]
-    if (
-        len(given) != 2
-        or given[0] is None
-        or not all(
-            isinstance(side, Real) and not isinstance(side, bool) and 1 <= float(side) <= 40
-            for side in sides
-        )
-    ):
+    try:
+        width, height = (None if s is None else arguments.number("size", s) for s in given)
+    except ValueError:
+        width = height = None
+    sides = (width, width if height is None else height)
+    if width is None or not all(1 <= side <= 40 for side in sides):
         raise ArgumentError(
             "size must be a width, or a width and a height, from 1 to 40 inches, given "
             f"{arguments.shown(size)}"
         )
-    return float(given[0]), None if given[1] is None else float(given[1])
+    return width, height
 
 
 def _study(study: Any, allow_code: bool, timeout: float | None) -> Study:

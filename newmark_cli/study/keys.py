@@ -82,12 +82,13 @@ class Valued(StrictModel):
 Value = TypeVar("Value", bound=Valued)
 
 
-def read(name: str, value: Any, model: type[Value]) -> Any:
+def read(name: str, value: Any, model: type[Value], around: Surroundings | None = None) -> Any:
     """The core's value of what a command line, or a function of the library, is given.
 
     The model is that of the config's key, and errors are those of a config, under the name.
+    Without surroundings no code runs.
     """
-    return documents.validate(Document.of(name, value), model).value()
+    return documents.validate(Document.of(name, value), model, context=around).value()
 
 
 class OwnScaling(Valued):

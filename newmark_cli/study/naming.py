@@ -9,11 +9,9 @@ from pydantic import BeforeValidator
 from newmark_cli.mechanisms import loading, registry, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import ForcedMechanism, ProblemSpec, with_ending
-from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.problems.problem import Problem
 from newmark_cli.study import shipped as _shipped
 from newmark_cli.study.config import parse, shipped, warn_of
-from newmark_cli.study.keys import IntegratorConfig
 from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import Document, StrictModel
@@ -48,17 +46,6 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
 
 class _OneProblem(StrictModel):
     problem: Annotated[Any, BeforeValidator(problem_of)]
-
-
-def integrator_named(text: str) -> Integrator:
-    """Integrator that a command line names, which may be code."""
-    document = Document.of(documents.GIVEN, {"integrator": text})
-    given = documents.validate(document, _OneIntegrator, context=Surroundings(allow_code=True))
-    return given.integrator.value()
-
-
-class _OneIntegrator(StrictModel):
-    integrator: IntegratorConfig
 
 
 def describe(name: str, allow_code: bool) -> list[str]:

@@ -227,14 +227,16 @@ def study_slopes(
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
         by_size = np.argsort([-columns["h"][place] for place in at], kind="stable").tolist()
         rows = {name: [columns[name][at[i]] for i in by_size] for name in _READ}
-        if not key.measure and accepted.issuperset(rows["status"]):
+        if not key.measure:
+            if not accepted.issuperset(rows["status"]):
+                slopes.append(unmeasured(key, str(row["role"])))
             continue
         series = _Series(
             key, str(row["role"]), rows, len(sizes[cases[at[0]]]), accepted, record,
             lost.get(tuple(row[name] for name in marched), ""), drawing.get(key, ()), path,
             of_shipped,
         )  # fmt: skip
-        slopes.append(series.slope() if key.measure else series.failed())
+        slopes.append(series.slope())
     return slopes
 
 
@@ -322,10 +324,6 @@ class _Series:
             unique=unique,
             rejudged=self.slope,
         )  # fmt: skip
-
-    def failed(self) -> Slope:
-        """It without a measure, of a cell that failed: incomplete."""
-        return unmeasured(self.key, self.role)
 
     def _tolerance(self, record: Record, figures: Sequence[Figure]) -> float:
         """The strictest tolerance of the figures with the series, else that of its measure."""
