@@ -152,7 +152,12 @@ def advise(
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
     elif matrices is not None:
-        advice = [_of_matrices(matrices, steps, options)]
+        from newmark_cli.advice.advising import advise as advised
+        from newmark_cli.advice.linearised import is_path_of_matrices
+
+        if not is_path_of_matrices(matrices):
+            raise InputError(f"{matrices}: must be an .npz file or a folder of .mtx files")
+        advice = [advised(matrices, h=_required(steps), **options)]
     else:
         advice = list(_of_subject(str(subject), steps, options, allow_code))
     if as_json:
@@ -167,15 +172,6 @@ def _required(steps: tuple[float, ...]) -> list[float]:
     if not steps:
         raise click.UsageError("--h: give a step size (s), such as --h 1e-4")
     return [*steps]
-
-
-def _of_matrices(path: Path, steps: tuple[float, ...], options: dict[str, Any]) -> "Advice":
-    from newmark_cli.advice.advising import advise as advised
-    from newmark_cli.advice.linearised import is_path_of_matrices
-
-    if not is_path_of_matrices(path):
-        raise InputError(f"{path}: must be an .npz file or a folder of .mtx files")
-    return advised(path, h=_required(steps), **options)
 
 
 def _of_jacobians(

@@ -384,30 +384,25 @@ def _chosen_orders(
     chosen: Sequence[str | None], file: str | None, allow_code: bool
 ) -> "list[tuple[str, Preconditioning, str, str]]":
     """Form, scaling, evaluation and formulation chosen by the options of `orders`."""
+    from newmark_cli.library.arguments import one_of
     from newmark_cli.newmark.forms import FORMS, INDEX_3
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
-    from newmark_cli.study import keys
-    from newmark_cli.support.spelling import nearest
+    from newmark_cli.study import config, keys
 
     if file is not None:
         if any(option is not None for option in chosen):
             raise click.UsageError(
                 "--config already names form, preconditioning, evaluation and formulation"
             )
-        from newmark_cli.study import config
-
         cells = config.find(file, allow_code).cells()
-        return list(
-            dict.fromkeys(
-                (cell.form, cell.preconditioning, cell.evaluation, cell.formulation.label)
-                for cell in cells
-            )
+        chosen_by_cells = (
+            (cell.form, cell.preconditioning, cell.evaluation, cell.formulation.label)
+            for cell in cells
         )
+        return list(dict.fromkeys(chosen_by_cells))
     form, variant, evaluation, formulation = chosen
-    if form is not None and form not in FORMS:
-        raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
     scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
-    names = [form] if form else FORMS
+    names = FORMS if form is None else [one_of("form", form, FORMS)]
     label = keys.read("--formulation", formulation or INDEX_3, keys.FormulationConfig).label
     return [
         (name, scaling, evaluation or "direct", label) for name in names for scaling in scalings

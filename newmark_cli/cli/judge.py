@@ -1,7 +1,8 @@
 """The command that judges what another code computed."""
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -17,9 +18,6 @@ from newmark_cli.cli.shared import (
     integrator_named,
     json_option,
 )
-
-if TYPE_CHECKING:
-    from newmark_cli.library.judging import Judged
 
 
 @click.command()
@@ -90,9 +88,8 @@ def judge(
     arguments = {name: value for name, value in options.items() if value is not None}
     if "integrator" in arguments:
         arguments["integrator"] = integrator_named(arguments["integrator"], allow_code)
-    judged: Judged = call_with_problem(
-        naming.problem_named(problem, allow_code), judging.of_files, table, arguments
-    )
+    judge_problem = partial(judging.judge, table, **arguments)
+    judged = call_with_problem(naming.problem_named(problem, allow_code), judge_problem)
     if plot is not None:
         from newmark_cli.library import drawn_errors
 

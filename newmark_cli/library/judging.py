@@ -371,11 +371,6 @@ def _marched(measured: Measured) -> OurMarch:
     )
 
 
-def of_files(problem: Problem, table: Path, options: Mapping[str, Any]) -> Judged:
-    """`judge`, of a problem that has been loaded."""
-    return judge(table, problem, **options)
-
-
 #: Rows that a template asks for.
 ROWS = (
     "a row at t = 0, after each of the first two steps and each of the last three, for each of "

@@ -11,21 +11,15 @@ from typing import Any
 from newmark_cli.library import arguments
 from newmark_cli.newmark import own_integrator
 from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.formulation import (
-    REPORTED,
-    STARTS,
-    Formulation,
-    FormulationError,
-    Projection,
-)
-from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark
+from newmark_cli.newmark.formulation import REPORTED, Formulation, FormulationError, Projection
+from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.integrator_labels import parse
 from newmark_cli.newmark.kept import KEPT
-from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
+from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
-from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
+from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.newmark.steps import StepSequence
-from newmark_cli.study import keys
+from newmark_cli.study import axes, keys
 from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import ArgumentError
 
@@ -207,16 +201,13 @@ def _integrator(name: str, value: Any) -> Any:
     return _integrator_by_keys(name, value)
 
 
+#: Arguments that are one of the names of an axis.
+_NAMES = ("form", "evaluation", "precision", "start", "auxiliary", "linear_solver")
 #: Argument of public functions → what reads it.
 _READERS: Mapping[str, _Reader] = MappingProxyType(
     {
-        "form": _named(FORMS),
-        "evaluation": _named(EVALUATIONS),
-        "precision": _named(PRECISIONS),
+        **{name: _named(axes.named(name).names) for name in _NAMES},
         "multipliers": _named((AUTO, *REPORTED)),
-        "start": _named(STARTS),
-        "auxiliary": _named(AUXILIARY),
-        "linear_solver": _named(LINEAR_SOLVERS),
         "iteration_cap": partial(arguments.count, least=1),
         "twins": arguments.count,
         "project": arguments.flag,

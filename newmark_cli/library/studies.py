@@ -1,6 +1,7 @@
 """Studies for notebooks: run one, get its rows, fit them and draw them."""
 
 import json
+import math
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -261,11 +262,12 @@ def _sides(size: Any) -> tuple[float, float | None] | None:
         return None
     given = size if isinstance(size, tuple | list) else (size, None)
     try:
-        width, height = (None if s is None else arguments.number("size", s) for s in given)
+        width, other = given
+        width = arguments.number("size", width)
+        height = None if other is None else arguments.number("size", other)
     except ValueError:
-        width = height = None
-    sides = (width, width if height is None else height)
-    if width is None or not all(1 <= side <= 40 for side in sides):
+        width = height = math.nan
+    if not all(1 <= side <= 40 for side in (width, width if height is None else height)):
         raise ArgumentError(
             "size must be a width, or a width and a height, from 1 to 40 inches, given "
             f"{arguments.shown(size)}"
