@@ -64,9 +64,7 @@ results_folder = click.option(
     help="Results folder.",
 )
 
-
 studies_argument = click.argument("studies", nargs=-1, metavar="[STUDY...]")
-
 
 allow_code_option = flag(
     "--allow-code", help="Allow problems in Python; loading one runs its code."
@@ -93,7 +91,6 @@ evaluation_option = click.option(
     type=Declared("newmark.scheme", "EVALUATIONS"),
     help="How residuals are evaluated; direct by default.",
 )
-
 
 formulation_option = axis_option(
     "formulation",
@@ -152,14 +149,12 @@ formats_option = click.option(
     help="File formats, separated by commas: png, svg, pdf.",
 )
 
-
 size_option = click.option(
     "--size",
     callback=_size,
     metavar="W[xH]",
     help="Width of each figure in inches, or width and height.",
 )
-
 
 style_option = file_option(
     "--style", "style_file", help="Matplotlib style file, applied on top of the project's style."

@@ -219,7 +219,10 @@ def study_slopes(
         places.setdefault(values, []).append(place)
     lost, study, config = _lost(columns, marched), str(columns["study"][0]), record.get("config")
     accepted, of_shipped = _accepted(config), shipped.is_shipped(study, config)
-    drawing = _drawing(records.told(path, partial(of_study, study), config))
+    drawing: dict[SeriesKey, list[Figure]] = {}
+    for figure in records.told(path, partial(of_study, study), config):
+        for curve in figure.curves:
+            drawing.setdefault(curve.key, []).append(figure)
     slopes = []
     for values, at in places.items():
         *named, start = values
@@ -262,15 +265,6 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     """Slopes that a figure draws, in the order of the figures."""
     drawn = [slope for slope in slopes if slope.figures]
     return sorted(drawn, key=lambda slope: place_of(slope.figures[0]))
-
-
-def _drawing(figures: Iterable[Figure]) -> Mapping[SeriesKey, list[Figure]]:
-    """Key of a series → the figures that draw it."""
-    drawing: dict[SeriesKey, list[Figure]] = {}
-    for figure in figures:
-        for curve in figure.curves:
-            drawing.setdefault(curve.key, []).append(figure)
-    return drawing
 
 
 @dataclass(frozen=True)
