@@ -88,9 +88,7 @@ def scaling(
         gamma: Parameter of Newmark's scheme; 1/2 when omitted.
         integrator: An integrator in place of β and γ, as `march` takes it; its β and γ are then
             those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
-        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``, ``"optimal-printed"``,
-            ``"partial"``, or a dict with ``name``, ``left`` and ``right``;
-            ``preconditioning`` is the same argument.
+        scaling: As of `march`; ``preconditioning`` is the same argument.
         formulation: As of `march`: its rows and unknowns are scaled by the rule of Table 2.
 
     Returns:
