@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from newmark_cli.library import arguments
 from newmark_cli.report.reading import records
-from newmark_cli.study import axes, config, csv_files, csv_rows
+from newmark_cli.study import axes, config, csv_files, csv_rows, showable
 from newmark_cli.study import trajectories as kept
 from newmark_cli.study.axis import ALIASES
 from newmark_cli.study.config import Study
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 _RECORDS = "newmark-study records"
 #: Attribute of a frame: study → its trajectories, as the text of their CSV.
 _TRAJECTORIES = "newmark-study trajectories"
-#: By what `plot` chooses series.
-_CHOOSABLE = ("measure", "quantity", "form", "problem", "preconditioning", "integrator")
 #: What of a record goes with a frame: the config says what is accepted and drawn.
 _KEPT = ("study", "config", "motions", "not_unique")
 
@@ -206,7 +204,7 @@ def plot(
             name; the first if omitted.
         size: Width, or width and height (inch), from 1 to 40; as tall as it takes without a height.
         **choice: Draw only these: ``measure``, ``quantity``, ``form``, ``problem``,
-            ``preconditioning`` or ``scaling``, ``integrator``.
+            ``preconditioning`` or ``scaling``, ``integrator``, ``code``, or another axis.
 
     Returns:
         A figure of matplotlib, which a notebook shows and ``savefig`` writes.
@@ -233,7 +231,8 @@ def plot(
     sides = _sides(size)
     values: dict[str, tuple[str, ...]] = {}
     for given, value in choice.items():
-        name = arguments.one_of("argument", ALIASES.get(given, given), _CHOOSABLE)
+        name = ALIASES.get(given, given)
+        arguments.one_of("argument", name, ("measure", *showable.COMPARABLE))
         if not isinstance(value, str):
             raise ArgumentError(f"{name} must be text, given {arguments.shown(value)}")
         values[name] = (value,)
