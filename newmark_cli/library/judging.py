@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from newmark_cli.codes.causes import explained, without_solution
 from newmark_cli.codes.changes import FileNumbers, file_of
@@ -16,6 +16,7 @@ from newmark_cli.codes.truth import NoMotion, Truth
 from newmark_cli.codes.undoing import undone
 from newmark_cli.library import judge_options
 from newmark_cli.library.finding import problem as problem_of
+from newmark_cli.library.marching import Method
 from newmark_cli.library.measuring import measured, shown, slopes
 from newmark_cli.library.measuring import method as method_of
 from newmark_cli.library.scalings import read as value_of
@@ -189,17 +190,6 @@ def _row(slope: Slope, abscissa: str) -> tuple[str, ...]:
     least = f"{value:.2g} at {h:g}"
     fit = format_fit(slope.fit) if len(used) > 1 else "–"
     return (_quantity(slope), fit, format_order(slope.expected) or "–", over, least, slope.verdict)
-
-
-class Method(TypedDict, total=False):
-    """What a code says of its method, as arguments of `march`."""
-
-    integrator: Any
-    formulation: Any
-    projection: Any
-    multipliers: str | None
-    start: str | None
-    evaluation: str | None
 
 
 def judge(

@@ -41,18 +41,23 @@ _OF_SCHEME = (
 )  # fmt: skip
 
 
-class Options(TypedDict, total=False):
-    """Further arguments of `march`, by their types."""
+class Method(TypedDict, total=False):
+    """Arguments of `march` that orders depend on, by their types."""
 
-    form: str
     integrator: Any
-    scaling: Any
-    evaluation: str
-    precision: str
     formulation: Any
     projection: Any
     multipliers: str
     start: str
+    evaluation: str
+
+
+class Options(Method, total=False):
+    """Further arguments of `march`, by their types."""
+
+    form: str
+    scaling: Any
+    precision: str
     h_sequence: Any
     auxiliary: str
     linear_solver: str

@@ -51,7 +51,6 @@ from newmark_cli.study.csv_rows import (
     study_files,
 )
 from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
-from newmark_cli.study.showable import VALUES
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, ResultsError
@@ -71,15 +70,6 @@ COLUMNS = axes.appended(
         *((3, name) for name in ("h_from", "h_to", "local_orders", "reason")),
     )
 )
-#: What each column holds.
-ABOUT: Mapping[str, str] = {
-    **{axis.name: axis.shows or axis.about for axis in axes.series_axes() if axis.column},
-    **VALUES,
-    "figure": "figures that draw the series",
-    "expected": "predicted order; empty where theory predicts none",
-    "tolerance": "largest |slope − expected| that passes",
-    "verdict": "see the verdicts in “Reading results”",
-}
 
 
 @dataclass(frozen=True, eq=False)
