@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -20,10 +20,6 @@ from newmark_cli.cli.shared import (
     json_option,
 )
 from newmark_cli.support.errors import ArgumentError, InputError
-
-if TYPE_CHECKING:
-    from newmark_cli.advice.advising import Advice
-    from newmark_cli.advice.jacobians import JacobianAdvice
 
 
 def _numbers(
@@ -146,9 +142,13 @@ def advise(
     options = {name: value for name, value in options.items() if value is not None}
     if "integrator" in options:
         options["integrator"] = integrator_named(options["integrator"], allow_code)
-    advice: list[Advice] | list[JacobianAdvice]
+    advice: list[Any]
     if jacobians:
-        advice = [_of_jacobians(jacobians, blocks, steps, options)]
+        from newmark_cli.advice.jacobians import advise_jacobian
+
+        for name in sorted(options.keys() - {"integrator", "beta", "gamma"}):
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --jacobian")
+        advice = [advise_jacobian([*jacobians], blocks=blocks, h=[*steps] or None, **options)]
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
     elif matrices is not None:
@@ -174,19 +174,9 @@ def _required(steps: tuple[float, ...]) -> list[float]:
     return [*steps]
 
 
-def _of_jacobians(
-    files: tuple[Path, ...], blocks: str | None, steps: tuple[float, ...], options: dict[str, Any]
-) -> "JacobianAdvice":
-    from newmark_cli.advice.jacobians import advise_jacobian
-
-    for name in sorted(options.keys() - {"integrator", "beta", "gamma"}):
-        raise click.UsageError(f"--{name.replace('_', '-')} does not go with --jacobian")
-    return advise_jacobian([*files], blocks=blocks, h=[*steps] or None, **options)
-
-
 def _of_subject(
     subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
-) -> "Iterator[Advice]":
+) -> Iterator[Any]:
     """Advice on a problem, or for all schemes of a study."""
     from newmark_cli.study import config, naming
 

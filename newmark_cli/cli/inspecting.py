@@ -4,7 +4,7 @@ import math
 import re
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ from newmark_cli.cli.shared import (
 from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
+    from newmark_cli.library.testset import Member
     from newmark_cli.newmark.scaling import Preconditioning
 
 
@@ -323,61 +324,62 @@ def list_(problems: bool, folder: Path | None, as_json: bool, schema: str | None
     """
     if sum((problems, folder is not None, schema is not None)) > 1:
         raise click.UsageError("give one of --problems, --testset and --schema")
-    if problems:
-        _list_problems(as_json)
-        return 0
-    if folder is not None:
-        from newmark_cli.library import testset
-
-        written = [str(file) for file in testset.write(folder)]
-        screen.lines(as_json_text(written) if as_json else "\n".join(written))
-        return 0
-    if schema is not None:
-        from newmark_cli.study import schema as schemas
-
-        screen.lines(schemas.text(schema))
-        return 0
+    from newmark_cli.mechanisms import registry
     from newmark_cli.report.reading.figures import FIGURES
     from newmark_cli.study import catalogue
+    from newmark_cli.study import schema as schemas
 
-    sections = catalogue.sections()
-    sections["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
-    if as_json:
-        screen.lines(as_json_text(sections))
+    data: Any
+    if schema is not None:
+        screen.lines(schemas.text(schema))
         return 0
-    # In a pipe an entry stays a line, for grep.
-    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    width = max(len(name) for entries in sections.values() for name in entries)
-    for title, entries in sections.items():
-        explained = f" ({_EXPLAINED[title]})" if title in _EXPLAINED else ""
-        screen.line(f"{title}{explained}:")
-        for name, text in entries.items():
-            begin = f"  {name:<{width}} "
-            screen.lines(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
+    if problems or folder is not None:
+        from newmark_cli.library import testset  # heavier than the rest
+
+    if problems:
+        data = [testset.member(name) for name in registry.PROBLEMS]
+        text = _problems_text(data)
+    elif folder is not None:
+        data = [str(file) for file in testset.write(folder)]
+        text = "\n".join(data)
+    else:
+        data = catalogue.sections()
+        data["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
+        text = _sections_text(data)
+    screen.lines(as_json_text(data) if as_json else text)
     return 0
 
 
-def _list_problems(as_json: bool) -> None:
-    """Print what is known of the shipped problems."""
-    from newmark_cli.library import testset
-    from newmark_cli.mechanisms.registry import PROBLEMS
+def _sections_text(sections: Mapping[str, Mapping[str, str]]) -> str:
+    """Sections of the list; in a pipe an entry stays a line, for grep."""
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    width = max(len(name) for entries in sections.values() for name in entries)
+    lines = []
+    for title, entries in sections.items():
+        lines.append(f"{title} ({_EXPLAINED[title]}):" if title in _EXPLAINED else f"{title}:")
+        for name, text in entries.items():
+            begin = f"  {name:<{width}} "
+            lines.append(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
+    return "\n".join(lines)
+
+
+def _problems_text(members: "Sequence[Member]") -> str:
+    """What is known of the shipped problems."""
+    from newmark_cli.library.testset import PARTS
     from newmark_cli.report.judging.text import text_table, wrapped
 
-    members = [testset.member(name) for name in PROBLEMS]
-    if as_json:
-        screen.lines(as_json_text(members))
-        return
     rows: list[tuple[str, ...]] = [("problem", "DOF", "n", "m", "t_end", "error u", "v", "λ")]
     for one in members:
         t_end = "" if one["t_end"] is None else f"{one['t_end']:g}"
-        errors = [f"{one['errors'][part]:.0e}" if one["errors"] else "" for part in testset.PARTS]
+        errors = [f"{one['errors'][part]:.0e}" if one["errors"] else "" for part in PARTS]
         sizes = (str(size) for size in (one["degrees_of_freedom"], one["n"], one["m"]))
         rows.append((one["name"], *sizes, t_end, *errors))
     head, rule, *lines = text_table(rows).splitlines()
-    screen.lines(f"{head}\n{rule}")
+    told = [head, rule]
     for one, line in zip(members, lines, strict=True):
-        screen.line(line.rstrip())
-        screen.lines(wrapped(f"{one['tests'] or one['description']}; {one['source']}", 4))
+        about = wrapped(f"{one['tests'] or one['description']}; {one['source']}", 4)
+        told += [line.rstrip(), about]
+    return "\n".join(told)
 
 
 def _chosen_orders(
