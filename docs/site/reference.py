@@ -23,8 +23,9 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.reading.figures import Figure
 from newmark_cli.report.tables import check, predicted_tables
 from newmark_cli.report.tables.table import markdown_table
-from newmark_cli.study import catalogue, csv_files, schema
+from newmark_cli.study import axes, catalogue, csv_files, schema
 from newmark_cli.study.measures import MEASURES, Record
+from newmark_cli.study.showable import VALUES
 
 _HUGE = 1e29
 _TINY = 1e-29
@@ -290,6 +291,14 @@ def measures_page() -> str:
 
 def csv_page() -> str:
     """Columns of the files in a results folder."""
+    of_slopes = {
+        **{axis.name: axis.shows or axis.about for axis in axes.series_axes() if axis.column},
+        **VALUES,
+        "figure": "figures that draw the series",
+        "expected": "predicted order; empty where theory predicts none",
+        "tolerance": "largest |slope − expected| that passes",
+        "verdict": "see the verdicts in “Reading results”",
+    }
     return (
         "# Columns of the CSVs\n\n"
         "## `<study>.csv`\n\n"
@@ -304,7 +313,7 @@ def csv_page() -> str:
         "One row for each series over h; `plot` and `reproduce` write it.\n\n"
         + table(
             ("column", "meaning"),
-            ((f"`{name}`", slopes.ABOUT[name]) for name in slopes.COLUMNS),
+            ((f"`{name}`", of_slopes[name]) for name in slopes.COLUMNS),
         )
         + "\n\n## Values over time\n\n"
         "`trajectory/<study>.csv` has a row for each cell and step that was kept: first the "

@@ -67,21 +67,24 @@ def block(name: str) -> str:
 
 
 def _lines(member: testset.Member) -> Iterator[str]:
-    yield f"\n## {member.name}\n"
-    yield f"![{member.name}, at its start](figures/testset-{member.name}.png)\n"
-    errors = member.errors or {}
-    times = ", ".join(f"{t:g}" for t in member.times)
+    name, errors = member["name"], member["errors"] or {}
+    yield f"\n## {name}\n"
+    yield f"![{name}, at its start](figures/testset-{name}.png)\n"
+    times = ", ".join(f"{t:g}" for t in member["times"])
     stated = ", ".join(f"{sign} {errors[part]:.0e}" for part, sign in _SIGNS.items())
-    size = f"degrees of freedom {member.degrees_of_freedom}, n = {member.n}, m = {member.m}"
+    free, n, m = (member[key] for key in ("degrees_of_freedom", "n", "m"))
     for label, text in (
-        (member.title, f"{member.description}; {size}"),
-        ("Tests", member.tests),
-        ("Source", member.source),
-        ("Reference", f"at t = {times} s; errors {stated}; second method: {member.second}"),
-        ("Published", member.published),
+        (
+            member["title"],
+            f"{member['description']}; degrees of freedom {free}, n = {n}, m = {m}",
+        ),
+        ("Tests", member["tests"]),
+        ("Source", member["source"]),
+        ("Reference", f"at t = {times} s; errors {stated}; second method: {member['second']}"),
+        ("Published", member["published"]),
     ):
         yield f"- **{label}**: {text}."
-    row = testset.references(member.name)[-1]
+    row = testset.references(name)[-1]
     values = {key: _shown(value) for key, value in row.items()}
     yield f"\n| t = {values['t']} s | u | v |\n| --- | --- | --- |"
     for key in values:
@@ -92,7 +95,7 @@ def _lines(member: testset.Member) -> Iterator[str]:
     for key, value in values.items():
         if key.startswith(("lambda[", "output[")) and value != "0":
             yield f"| `{key.partition('[')[2][:-1]}` | {value} |"
-    yield f"\n![{member.name}, errors over h](figures/testset-{member.name}-errors.png)"
+    yield f"\n![{name}, errors over h](figures/testset-{name}-errors.png)"
 
 
 def _shown(value: str) -> str:
@@ -112,7 +115,7 @@ _SIGNS = {"u": "u", "v": "v", "lambda": "λ"}
 def picture(name: str) -> bytes:
     """A small PNG of the mechanism at its start."""
     subject = registry.problem(name)
-    sheet = draw_mechanism.mechanism_sheet(testset.member(name).title, subject, subject.u0)
+    sheet = draw_mechanism.mechanism_sheet(testset.member(name)["title"], subject, subject.u0)
     large = io.BytesIO()
     draw.drawn(sheet, _SIZE).savefig(large, format="png", dpi=_DPI)
     return _small(Image.open(large))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -16,13 +16,10 @@ from newmark_cli.cli.shared import (
     evaluation_option,
     file_option,
     formulation_option,
+    integrator_named,
     json_option,
 )
 from newmark_cli.support.errors import ArgumentError, InputError
-
-if TYPE_CHECKING:
-    from newmark_cli.advice.advising import Advice
-    from newmark_cli.advice.jacobians import JacobianAdvice
 
 
 def _numbers(
@@ -143,17 +140,24 @@ def advise(
     if [subject is None, matrices is None, not jacobians].count(False) != 1:
         raise click.UsageError("give one of SUBJECT, --matrices and --jacobian")
     options = {name: value for name, value in options.items() if value is not None}
-    if allow_code and "integrator" in options:
-        from newmark_cli.study import naming
-
-        options["integrator"] = naming.integrator_named(options["integrator"])
-    advice: list[Advice] | list[JacobianAdvice]
+    if "integrator" in options:
+        options["integrator"] = integrator_named(options["integrator"], allow_code)
+    advice: list[Any]
     if jacobians:
-        advice = [_of_jacobians(jacobians, blocks, steps, options)]
+        from newmark_cli.advice.jacobians import advise_jacobian
+
+        for name in sorted(options.keys() - {"integrator", "beta", "gamma"}):
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --jacobian")
+        advice = [advise_jacobian([*jacobians], blocks=blocks, h=[*steps] or None, **options)]
     elif blocks is not None:
         raise click.UsageError("--blocks needs --jacobian")
     elif matrices is not None:
-        advice = [_of_matrices(matrices, steps, options)]
+        from newmark_cli.advice.advising import advise as advised
+        from newmark_cli.advice.linearised import is_path_of_matrices
+
+        if not is_path_of_matrices(matrices):
+            raise InputError(f"{matrices}: must be an .npz file or a folder of .mtx files")
+        advice = [advised(matrices, h=_required(steps), **options)]
     else:
         advice = list(_of_subject(str(subject), steps, options, allow_code))
     if as_json:
@@ -170,28 +174,9 @@ def _required(steps: tuple[float, ...]) -> list[float]:
     return [*steps]
 
 
-def _of_matrices(path: Path, steps: tuple[float, ...], options: dict[str, Any]) -> "Advice":
-    from newmark_cli.advice.advising import advise as advised
-    from newmark_cli.advice.linearised import is_path_of_matrices
-
-    if not is_path_of_matrices(path):
-        raise InputError(f"{path}: must be an .npz file or a folder of .mtx files")
-    return advised(path, h=_required(steps), **options)
-
-
-def _of_jacobians(
-    files: tuple[Path, ...], blocks: str | None, steps: tuple[float, ...], options: dict[str, Any]
-) -> "JacobianAdvice":
-    from newmark_cli.advice.jacobians import advise_jacobian
-
-    for name in sorted(options.keys() - {"integrator", "beta", "gamma"}):
-        raise click.UsageError(f"--{name.replace('_', '-')} does not go with --jacobian")
-    return advise_jacobian([*files], blocks=blocks, h=[*steps] or None, **options)
-
-
 def _of_subject(
     subject: str, steps: tuple[float, ...], options: dict[str, Any], allow_code: bool
-) -> "Iterator[Advice]":
+) -> Iterator[Any]:
     """Advice on a problem, or for all schemes of a study."""
     from newmark_cli.study import config, naming
 

@@ -9,6 +9,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import click
@@ -75,7 +76,13 @@ def prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
         else:
             screen.drop(name)
-    warnings.showwarning = lambda message, *rest: screen.complain(f"warning: {message}")
+    warnings.showwarning = lambda message, *rest: _warn(str(message))
+
+
+@cache
+def _warn(message: str) -> None:
+    """Print a warning, once."""
+    screen.complain(f"warning: {message}")
 
 
 def words() -> list[str]:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -126,24 +126,20 @@ def show(
     from newmark_cli.report.tables import showing
     from newmark_cli.study import csv_rows
 
+    choice = Choice(measure, values)
     if as_recorded:
         files = (folder / f"{name}.csv" for name in csv_rows.named_studies(folder, studies))
-        recorded = [records.read(file) for file in files]
-        text = as_json_text(recorded) if as_json else "\n\n".join(map(records.as_text, recorded))
-        screen.lines(text)
-        return 0
-    read, choice = showing.read(folder, studies), Choice(measure, values)
-    if not studies and not choice:
-        screen.lines(
-            as_json_text([study.row() for study in read]) if as_json else showing.listed(read)
-        )
-        return 0
-    chosen = showing.choose(read, choice)
-    if as_json:
-        screen.lines(as_json_text([study.data() for study in chosen]))
-        return 0
-    matching = [study for study in chosen if study.chosen or study.recovered]
-    screen.lines("\n\n".join(showing.as_text(study) for study in matching))
+        data: Sequence[Any] = [records.read(file) for file in files]
+        text = "\n\n".join(map(records.as_text, data))
+    elif not studies and not choice:
+        found = showing.read(folder, studies)
+        data, text = [study.row() for study in found], showing.listed(found)
+    else:
+        found = showing.choose(showing.read(folder, studies), choice)
+        data = [study.data() for study in found]
+        matching = [study for study in found if study.chosen or study.recovered]
+        text = "\n\n".join(map(showing.as_text, matching))
+    screen.lines(as_json_text(data) if as_json else text)
     return 0
 
 
@@ -277,14 +273,14 @@ def tables(
     Example:
       newmark-study tables my-study --list --values slope,stderr,verdict --format csv
     """
-    choosing = bool(rows or columns or as_list or shown or measure or any(chosen.values()))
-    if studies:
-        from newmark_cli.report.judging import slopes
-        from newmark_cli.report.reading.choosing import Choice
-        from newmark_cli.report.tables import study_tables
-        from newmark_cli.study.csv_rows import read_record
+    from newmark_cli.report.judging import slopes
+    from newmark_cli.report.reading.choosing import Choice
+    from newmark_cli.report.tables import paper_tables, predicted_tables, study_tables
+    from newmark_cli.study.csv_rows import read_record
 
-        choice = Choice(measure, chosen)
+    choice = Choice(measure, chosen)
+    choosing = bool(choice or rows or columns or as_list or shown)
+    if studies:
         series = choice.series(slopes.collect(folder, studies))
         layout = study_tables.from_options(rows, columns, as_list, shown) if choosing else None
         for study in studies:
@@ -298,14 +294,9 @@ def tables(
     if choosing:
         raise InputError("tables: options that choose rows, columns or series need a STUDY")
     if formulations:
-        from newmark_cli.report.tables import predicted_tables
-
         show_report(folder, predicted_tables.formulations(), written)
         return 0
-    from newmark_cli.report.judging import slopes
-    from newmark_cli.report.tables import paper_tables as tabling
-
-    return show_tables(folder, slopes.collect(folder, [tabling.STUDY]), written)
+    return show_tables(folder, slopes.collect(folder, [paper_tables.STUDY]), written)
 
 
 @click.command()
@@ -421,9 +412,9 @@ def show_report(folder: Path, report: "Report", form: str | None) -> None:
 
 def show_tables(folder: Path, slopes: "Sequence[Slope]", form: str | None = None) -> int:
     """Print Tables 1 and 2; 1 when an entry is not as predicted."""
-    from newmark_cli.report.tables import paper_tables as tabling
+    from newmark_cli.report.tables import paper_tables
 
-    for table in tabling.reports(slopes):
+    for table in paper_tables.reports(slopes):
         show_report(folder, table, form)
         screen.line()
-    return 1 if tabling.not_as_predicted(slopes) else 0
+    return 1 if paper_tables.not_as_predicted(slopes) else 0

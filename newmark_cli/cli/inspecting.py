@@ -4,10 +4,9 @@ import math
 import re
 import shutil
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -24,6 +23,7 @@ from newmark_cli.cli.shared import (
     flag,
     formats_option,
     formulation_option,
+    integrator_named,
     json_option,
     results_folder,
     size_option,
@@ -32,6 +32,7 @@ from newmark_cli.cli.shared import (
 from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
+    from newmark_cli.library.testset import Member
     from newmark_cli.newmark.scaling import Preconditioning
 
 
@@ -225,33 +226,13 @@ def draw(
         raise InputError(f"--animate: must be a file that ends in .gif, given {animated}")
     if animated is not None and time == 0:
         raise InputError("--animate: needs --at T, the end of the motion")
-    spec = naming.problem_named(problem, allow_code)
-    subject = spec.load()
-    if subject.drawing is None:
-        raise InputError(
-            f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
-        )
-    from newmark_cli.problems.problem import is_beyond
     from newmark_cli.report.drawing import draw as drawing
     from newmark_cli.report.drawing import draw_mechanism, style
-    from newmark_cli.study import motion
 
-    if is_beyond(subject.until, time):
-        raise InputError(
-            f"--{'until' if points else 'at'}: must be at most {subject.until:g} s, where a table "
-            f"of {spec.label} ends, given {time:g} s"
-        )
-
-    integrator = naming.integrator_named(method, allow_code)
-    places = [subject.u0]
-    draw_mechanism.paths(subject, points, places)  # refuses unknown points at once
-    if time:
-        shown = frames if animated else _ON_PATH if points else 2
-        moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)
-        places = list(moved.positions)
-        if moved.doubt:
-            advice = "" if step is None else "; try a smaller --h"
-            screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
+    spec = naming.problem_named(problem, allow_code)
+    integrator = integrator_named(method, allow_code)
+    shown = frames if animated else _ON_PATH if points else 2
+    subject, places = _moved(spec, points, time, shown, step, integrator)
     title = subject.drawing.title or spec.label
     if animated is not None:
         step = time / (frames - 1)
@@ -261,16 +242,49 @@ def draw(
         return 0
     ways = draw_mechanism.paths(subject, points, places)
     title += f", {'to ' * bool(points)}t = {time:g} s" if time else ""
-    label = "-path-".join((spec.label.removesuffix(".yaml"), "-".join(points)))
-    name = re.sub(r"[^\w-]+", "-", label.removesuffix("-path-")).strip("-") or "mechanism"
-    name += f"-at-{time:g}" if time and not points else ""
     shape = draw_mechanism.mechanism_sheet(title, subject, places[0 if points else -1], ways)
+    name = _drawing_name(spec.label, points, time)
     with style.of_file(style_file) as settings:
         figure = drawing.drawn(shape, size, settings)
         drawn = {f"{name}.{kind}": style.rendered(figure, kind, settings) for kind in formats}
     for file in style.save(drawn, folder):
         screen.line(file)
     return 0
+
+
+def _moved(
+    spec: Any, points: Sequence[str], time: float, shown: int, step: float | None, integrator: Any
+) -> tuple[Any, list[Any]]:
+    """A mechanism, and so many of its positions (n,) from the start to a time, if it moves."""
+    from newmark_cli.problems.problem import is_beyond
+    from newmark_cli.report.drawing import draw_mechanism
+    from newmark_cli.study import motion
+
+    subject = spec.load()
+    if subject.drawing is None:
+        raise InputError(
+            f"{spec.label}: a problem in Python has no points to draw; draw shows mechanisms"
+        )
+    if is_beyond(subject.until, time):
+        raise InputError(
+            f"--{'until' if points else 'at'}: must be at most {subject.until:g} s, where a table "
+            f"of {spec.label} ends, given {time:g} s"
+        )
+    draw_mechanism.paths(subject, points, [subject.u0])  # refuses unknown points at once
+    if not time:
+        return subject, [subject.u0]
+    moved = call_with_problem(spec, motion.motion, time, shown, step, integrator)
+    if moved.doubt:
+        advice = "" if step is None else "; try a smaller --h"
+        screen.complain(f"warning: {spec.label} at t = {time:g}: {moved.doubt}{advice}")
+    return subject, list(moved.positions)
+
+
+def _drawing_name(label: str, points: Sequence[str], time: float) -> str:
+    """The name of a drawing's files, without their ending."""
+    parts = [label.removesuffix(".yaml"), *(("path", *points) if points else ())]
+    name = re.sub(r"[^\w-]+", "-", "-".join(parts)).strip("-") or "mechanism"
+    return f"{name}-at-{time:g}" if time and not points else name
 
 
 #: What the entries of a section of `list` mean.
@@ -310,92 +324,87 @@ def list_(problems: bool, folder: Path | None, as_json: bool, schema: str | None
     """
     if sum((problems, folder is not None, schema is not None)) > 1:
         raise click.UsageError("give one of --problems, --testset and --schema")
-    if problems:
-        _list_problems(as_json)
-        return 0
-    if folder is not None:
-        from newmark_cli.library import testset
-
-        written = [str(file) for file in testset.write(folder)]
-        screen.lines(as_json_text(written) if as_json else "\n".join(written))
-        return 0
-    if schema is not None:
-        from newmark_cli.study import schema as schemas
-
-        screen.lines(schemas.text(schema))
-        return 0
+    from newmark_cli.mechanisms import registry
     from newmark_cli.report.reading.figures import FIGURES
     from newmark_cli.study import catalogue
+    from newmark_cli.study import schema as schemas
 
-    sections = catalogue.sections()
-    sections["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
-    if as_json:
-        screen.lines(as_json_text(sections))
+    data: Any
+    if schema is not None:
+        screen.lines(schemas.text(schema))
         return 0
-    # In a pipe an entry stays a line, for grep.
-    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
-    width = max(len(name) for entries in sections.values() for name in entries)
-    for title, entries in sections.items():
-        explained = f" ({_EXPLAINED[title]})" if title in _EXPLAINED else ""
-        screen.line(f"{title}{explained}:")
-        for name, text in entries.items():
-            begin = f"  {name:<{width}} "
-            screen.lines(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
+    if problems or folder is not None:
+        from newmark_cli.library import testset  # heavier than the rest
+
+    if problems:
+        data = [testset.member(name) for name in registry.PROBLEMS]
+        text = _problems_text(data)
+    elif folder is not None:
+        data = [str(file) for file in testset.write(folder)]
+        text = "\n".join(data)
+    else:
+        data = catalogue.sections()
+        data["figures"] = {figure.name: figure.title for figure in FIGURES.values()}
+        text = _sections_text(data)
+    screen.lines(as_json_text(data) if as_json else text)
     return 0
 
 
-def _list_problems(as_json: bool) -> None:
-    """Print what is known of the shipped problems."""
-    from newmark_cli.library import testset
-    from newmark_cli.mechanisms.registry import PROBLEMS
+def _sections_text(sections: Mapping[str, Mapping[str, str]]) -> str:
+    """Sections of the list; in a pipe an entry stays a line, for grep."""
+    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else sys.maxsize
+    width = max(len(name) for entries in sections.values() for name in entries)
+    lines = []
+    for title, entries in sections.items():
+        lines.append(f"{title} ({_EXPLAINED[title]}):" if title in _EXPLAINED else f"{title}:")
+        for name, text in entries.items():
+            begin = f"  {name:<{width}} "
+            lines.append(click.wrap_text(text, columns, begin, " " * len(begin)).rstrip())
+    return "\n".join(lines)
+
+
+def _problems_text(members: "Sequence[Member]") -> str:
+    """What is known of the shipped problems."""
+    from newmark_cli.library.testset import PARTS
     from newmark_cli.report.judging.text import text_table, wrapped
 
-    members = [testset.member(name) for name in PROBLEMS]
-    if as_json:
-        freedom = "degrees_of_freedom"
-        screen.lines(as_json_text([asdict(one) | {freedom: one.n - one.m} for one in members]))
-        return
     rows: list[tuple[str, ...]] = [("problem", "DOF", "n", "m", "t_end", "error u", "v", "λ")]
     for one in members:
-        t_end = "" if one.t_end is None else f"{one.t_end:g}"
-        errors = [f"{one.errors[part]:.0e}" if one.errors else "" for part in testset.PARTS]
-        sizes = str(one.degrees_of_freedom), str(one.n), str(one.m)
-        rows.append((one.name, *sizes, t_end, *errors))
+        t_end = "" if one["t_end"] is None else f"{one['t_end']:g}"
+        errors = [f"{one['errors'][part]:.0e}" if one["errors"] else "" for part in PARTS]
+        sizes = (str(size) for size in (one["degrees_of_freedom"], one["n"], one["m"]))
+        rows.append((one["name"], *sizes, t_end, *errors))
     head, rule, *lines = text_table(rows).splitlines()
-    screen.lines(f"{head}\n{rule}")
+    told = [head, rule]
     for one, line in zip(members, lines, strict=True):
-        screen.line(line.rstrip())
-        screen.lines(wrapped(f"{one.tests or one.description}; {one.source}", 4))
+        about = wrapped(f"{one['tests'] or one['description']}; {one['source']}", 4)
+        told += [line.rstrip(), about]
+    return "\n".join(told)
 
 
 def _chosen_orders(
     chosen: Sequence[str | None], file: str | None, allow_code: bool
 ) -> "list[tuple[str, Preconditioning, str, str]]":
     """Form, scaling, evaluation and formulation chosen by the options of `orders`."""
+    from newmark_cli.library.arguments import one_of
     from newmark_cli.newmark.forms import FORMS, INDEX_3
     from newmark_cli.newmark.scaling import PAPER_VARIANTS, Preconditioning
-    from newmark_cli.study import keys
-    from newmark_cli.support.spelling import nearest
+    from newmark_cli.study import config, keys
 
     if file is not None:
         if any(option is not None for option in chosen):
             raise click.UsageError(
                 "--config already names form, preconditioning, evaluation and formulation"
             )
-        from newmark_cli.study import config
-
         cells = config.find(file, allow_code).cells()
-        return list(
-            dict.fromkeys(
-                (cell.form, cell.preconditioning, cell.evaluation, cell.formulation.label)
-                for cell in cells
-            )
+        chosen_by_cells = (
+            (cell.form, cell.preconditioning, cell.evaluation, cell.formulation.label)
+            for cell in cells
         )
+        return list(dict.fromkeys(chosen_by_cells))
     form, variant, evaluation, formulation = chosen
-    if form is not None and form not in FORMS:
-        raise InputError(f"unknown form {form!r}{nearest(form, FORMS)}")
     scalings = [Preconditioning.parse(v) for v in ([variant] if variant else PAPER_VARIANTS)]
-    names = [form] if form else FORMS
+    names = FORMS if form is None else [one_of("form", form, FORMS)]
     label = keys.read("--formulation", formulation or INDEX_3, keys.FormulationConfig).label
     return [
         (name, scaling, evaluation or "direct", label) for name in names for scaling in scalings

@@ -1,7 +1,8 @@
 """The command that judges what another code computed."""
 
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -14,11 +15,9 @@ from newmark_cli.cli.shared import (
     file_option,
     flag,
     formulation_option,
+    integrator_named,
     json_option,
 )
-
-if TYPE_CHECKING:
-    from newmark_cli.library.judging import Judged
 
 
 @click.command()
@@ -87,11 +86,10 @@ def judge(
     if table is None or problem is None:
         raise click.UsageError("give TABLE and --problem, or --template")
     arguments = {name: value for name, value in options.items() if value is not None}
-    if allow_code and "integrator" in arguments:
-        arguments["integrator"] = naming.integrator_named(arguments["integrator"])
-    judged: Judged = call_with_problem(
-        naming.problem_named(problem, allow_code), judging.of_files, table, arguments
-    )
+    if "integrator" in arguments:
+        arguments["integrator"] = integrator_named(arguments["integrator"], allow_code)
+    judge_problem = partial(judging.judge, table, **arguments)
+    judged = call_with_problem(naming.problem_named(problem, allow_code), judge_problem)
     if plot is not None:
         from newmark_cli.library import drawn_errors
 

@@ -64,9 +64,7 @@ results_folder = click.option(
     help="Results folder.",
 )
 
-
 studies_argument = click.argument("studies", nargs=-1, metavar="[STUDY...]")
-
 
 allow_code_option = flag(
     "--allow-code", help="Allow problems in Python; loading one runs its code."
@@ -93,7 +91,6 @@ evaluation_option = click.option(
     type=Declared("newmark.scheme", "EVALUATIONS"),
     help="How residuals are evaluated; direct by default.",
 )
-
 
 formulation_option = axis_option(
     "formulation",
@@ -152,14 +149,12 @@ formats_option = click.option(
     help="File formats, separated by commas: png, svg, pdf.",
 )
 
-
 size_option = click.option(
     "--size",
     callback=_size,
     metavar="W[xH]",
     help="Width of each figure in inches, or width and height.",
 )
-
 
 style_option = file_option(
     "--style", "style_file", help="Matplotlib style file, applied on top of the project's style."
@@ -227,12 +222,7 @@ def as_json_text(value: object) -> str:
     """JSON for programs; NaN and infinity are null, what no terminal prints is escaped."""
     import json
 
-    def plain(part: object) -> object:
-        if isinstance(part, dict):
-            return {key: plain(item) for key, item in part.items()}
-        if isinstance(part, list | tuple):
-            return [plain(item) for item in part]
-        return None if isinstance(part, float) and not math.isfinite(part) else part
+    from newmark_cli.support.arrays import plain
 
     # Other encodings lack something.
     encoding = str(getattr(sys.stdout, "encoding", "")).lower().replace("-", "")
@@ -240,6 +230,15 @@ def as_json_text(value: object) -> str:
     # Only strings have such characters: JSON's own line ends are line feeds.
     hidden = {c for c in text if visible_lines(c) != c}
     return text.translate({ord(c): json.dumps(c)[1:-1] for c in hidden})
+
+
+def integrator_named(text: str, allow_code: bool) -> Any:
+    """The integrator that ``--integrator`` names, which may be code if that is allowed."""
+    from newmark_cli.study import keys
+    from newmark_cli.study.subjects import Surroundings
+
+    around = Surroundings(allow_code=allow_code)
+    return keys.read("--integrator", text, keys.IntegratorConfig, around)
 
 
 def call_with_problem(spec: Any, function: Callable[..., Any], *arguments: Any) -> Any:

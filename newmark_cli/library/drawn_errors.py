@@ -9,6 +9,7 @@ from newmark_cli.codes.reading import STEP_SIZE
 from newmark_cli.codes.solutions import Measured, roundings
 from newmark_cli.library.judging import Judged
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look
+from newmark_cli.report.judging.verdicts import RULED
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError
@@ -16,8 +17,6 @@ from newmark_cli.support.errors import ArgumentError
 #: Look of this tool's own march.
 _OURS = Look("0.6", "", linestyle="--", linewidth=1.5)
 _ENDINGS = (".png", ".svg", ".pdf")
-#: Ratio of rounding to value above which rounding rules a point.
-_RULED = 0.5
 #: What work is counted by, the first that a table has, and how axes name it.
 _WORK = {"calls": "calls", "seconds": "time (s)"}
 _LABELS = {"u": "$u$", "v": "$v$", "lambda": r"$\lambda$"}
@@ -55,7 +54,7 @@ def _traces(judged: Judged, quantity: str, work: str = "") -> list[Trace]:
         bars = roundings(of, ("error", quantity))
         x = _abscissa(of, work)
         traces.append(Trace(label, x, values, look(place), place, bars=bars,
-                            ruled=np.nan_to_num(bars) > _RULED * values))  # fmt: skip
+                            ruled=np.nan_to_num(bars) > RULED * values))  # fmt: skip
         known = [m for m in of if m.ours]
         if known and not work:
             y = np.array([m.ours["error", quantity].statistics.last for m in known])

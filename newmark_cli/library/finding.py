@@ -73,7 +73,8 @@ def problem(given: Any, /, **arguments: Any) -> Problem:
         given, arguments = name_and_arguments(given)
         given = given if given in PROBLEMS else with_ending(given)
     if isinstance(given, str) and given in FAMILIES:
-        return _member(given, arguments)
+        sizes = documents.validate(Document.of(given, arguments), FAMILIES[given].size)
+        return Sized(given, tuple(sizes.model_dump().items())).load()
     if isinstance(given, str) and given.rpartition(":")[0].endswith(".py"):
         return _of_factory(given, arguments)
     if isinstance(given, str | Path) and Path(given).suffix in (".yaml", ".yml"):
@@ -129,12 +130,6 @@ def dae(subject: Any, equations: str = "ggl", *, integrals: bool = True) -> Dae:
 def _warned_of(loaded: Problem) -> Problem:
     warn(*loaded.doubts)
     return loaded
-
-
-def _member(family: str, sizes: Mapping[str, Any]) -> Problem:
-    document = Document.of(family, sizes)
-    checked = documents.validate(document, FAMILIES[family].size)
-    return Sized(family, tuple(checked.model_dump().items())).load()
 
 
 def _of_factory(label: str, arguments: Mapping[str, Any]) -> Problem:

@@ -1,13 +1,10 @@
 """`judge`: what another code computed, measured, judged and explained."""
 
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, Unpack
 
 from newmark_cli.codes.causes import explained, without_solution
 from newmark_cli.codes.changes import FileNumbers, file_of
@@ -19,7 +16,10 @@ from newmark_cli.codes.truth import NoMotion, Truth
 from newmark_cli.codes.undoing import undone
 from newmark_cli.library import judge_options
 from newmark_cli.library.finding import problem as problem_of
-from newmark_cli.library.measuring import measured, method, shown, slopes
+from newmark_cli.library.marching import Method
+from newmark_cli.library.measuring import measured, shown, slopes
+from newmark_cli.library.measuring import method as method_of
+from newmark_cli.library.scalings import read as value_of
 from newmark_cli.newmark import integrator_labels
 from newmark_cli.newmark.formulation import CORRECTED
 from newmark_cli.problems.index_1 import Index1
@@ -31,6 +31,7 @@ from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import text_table, wrapped
 from newmark_cli.report.judging.verdicts import FAILING, UNDECIDED
 from newmark_cli.study.measures import symbol
+from newmark_cli.support.arrays import plain
 from newmark_cli.support.errors import ArgumentError
 
 if TYPE_CHECKING:
@@ -125,14 +126,15 @@ class Judged:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        return {
+        values: dict[str, Any] = plain({
             "problem": self.problem,
-            "series": [_plain(item.row()) for item in self.slopes],
-            "findings": [_plain(asdict(item)) for item in self.findings],
-            "expected": [_plain(item.row()) for item in self.expected],
-            "notes": [*self.notes],
-            "runs": json.loads(self.to_frame().to_json(orient="records", double_precision=15)),
-        }
+            "series": [item.row() for item in self.slopes],
+            "findings": [asdict(item) for item in self.findings],
+            "expected": [item.row() for item in self.expected],
+            "notes": self.notes,
+            "runs": self.to_frame().to_dict("records"),
+        })  # fmt: skip
+        return values
 
     def __str__(self) -> str:
         return "\n".join(self._lines())
@@ -190,29 +192,14 @@ def _row(slope: Slope, abscissa: str) -> tuple[str, ...]:
     return (_quantity(slope), fit, format_order(slope.expected) or "–", over, least, slope.verdict)
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def judge(
     table: Any,
     problem: Any,
     *,
-    integrator: Any = None,
-    formulation: Any = None,
-    projection: Any = None,
-    multipliers: str | None = None,
-    start: str | None = None,
-    evaluation: str | None = None,
     columns: Mapping[str, Any] | str | Path | None = None,
     expect: Sequence[Mapping[str, Any]] | str | Path | None = None,
     reference: str | Path | None = None,
+    **method: Unpack[Method],
 ) -> Judged:
     """Say what is right and wrong with what another code computed.
 
@@ -222,9 +209,6 @@ def judge(
             ``t``, and the state under the names of `Trajectory.to_frame`; or a row for each
             ``quantity`` and ``value`` of these.  See docs/judge.md.
         problem: What was solved: what `problem` takes.
-        integrator, formulation, projection, multipliers, start, evaluation: The method, as of
-            `march`, which says what orders to expect: without an integrator orders are
-            measured, and held against nothing.  Columns of these names go before.
         columns: Column of this tool → number, or formula of the table's columns:
             ``{"h": 0.002, "lambda[bars.rod]": "-2 * force", "u[A.x]": "0.5 * cos(angle)"}``; or a
             YAML file of it.
@@ -233,6 +217,9 @@ def judge(
         reference: A file with the solution at the times at which runs end, in place of one that is
             computed: ``t``, ``u[…]``, ``v[…]`` and ``lambda[…]``, and the relative errors of
             these in ``error[u]``, ``error[v]`` and ``error[lambda]``, or in ``tolerance``.
+        **method: ``integrator``, ``formulation``, ``projection``, ``multipliers``, ``start`` and
+            ``evaluation``, as of `march`, which say what orders to expect: without an integrator
+            orders are measured, and held against nothing.  Columns of these names go before.
 
     Returns:
         Orders of errors and invariants with verdicts, and findings: what is wrong, by which
@@ -257,14 +244,14 @@ def judge(
         >>> [one.name for one in newmark.judge(table, "pendulum", integrator="bdf2").faults]
         ['factor of λ']
     """
+    for name in method.keys() - METHOD:
+        raise TypeError(f"judge() got an unexpected keyword argument {name!r}")
     solved = problem_of(problem)
-    chosen = (integrator, formulation, projection, multipliers, start, evaluation)
-    options = {name: value for name, value in zip(METHOD, chosen, strict=True) if value is not None}
-    method(options)
+    options = {name: value_of(name, v) for name, v in method.items() if v is not None}
     expectations = judge_options.expected(expect)
     runs = read(table, solved, judge_options.columns(columns))
     for run in runs.runs:
-        method(run.method)
+        method_of(run.method)
     given = None if reference is None else reference_at(Path(reference), solved)
     motion, truth, unsolved = Solutions(solved, {}, given), None, ""
     try:
@@ -337,7 +324,7 @@ def _explained(
 def _told(runs: Runs, of_table: Mapping[str, Any], options: Mapping[str, Any]) -> Told:
     """What the table or the caller says of the code."""
     said = {**options, **of_table}
-    how = method(said)
+    how = method_of(said)
     return Told(
         integrator_labels.parse(how["integrator"]) if said.get("integrator") else None,
         how["formulation"].split()[0] if {"integrator", "formulation"} & said.keys() else "",
@@ -372,11 +359,6 @@ def _marched(measured: Measured) -> OurMarch:
         {part: row.statistics.max for part, row in ours.items() if row},
         misfit.statistics.max if misfit else math.nan,
     )
-
-
-def of_files(problem: Problem, table: Path, options: Mapping[str, Any]) -> Judged:
-    """`judge`, of a problem that has been loaded."""
-    return judge(table, problem, **options)
 
 
 #: Rows that a template asks for.

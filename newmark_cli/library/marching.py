@@ -1,7 +1,7 @@
 """Marches for notebooks: `march` and `steps`, from arguments to steps that are taken."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import MISSING, fields, replace
 from itertools import count
 from typing import Any, Literal, TypedDict, Unpack, cast, overload
 
@@ -12,18 +12,19 @@ from newmark_cli.library import arguments, continuing
 from newmark_cli.library.finding import problem as problem_of
 from newmark_cli.library.scalings import read, scheme_of
 from newmark_cli.library.stepping import MOST_BYTES, Steps, room, taken
-from newmark_cli.newmark.formulation import CONSISTENT, CONSTRAINTS, UNPROJECTED, reported
-from newmark_cli.newmark.integrator import RESCALE_VELOCITY, Newmark
+from newmark_cli.newmark.formulation import reported
+from newmark_cli.newmark.integrator import Newmark
 from newmark_cli.newmark.kept import KEPT, first_outside
-from newmark_cli.newmark.linear.choice import AUTO, Krylov
+from newmark_cli.newmark.linear.choice import Krylov
 from newmark_cli.newmark.march import March
-from newmark_cli.newmark.scheme import DIRECT, Scheme, Tolerance
+from newmark_cli.newmark.scheme import Scheme, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid, steps_until
 from newmark_cli.newmark.trajectory import Step, Trajectory
 from newmark_cli.newmark.twins import twins as twins_of
 from newmark_cli.problems import starting
 from newmark_cli.problems.problem import Problem, is_beyond
 from newmark_cli.study import fitting
+from newmark_cli.study.axes import Cell
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ArgumentError, warn
 
@@ -40,18 +41,23 @@ _OF_SCHEME = (
 )  # fmt: skip
 
 
-class Options(TypedDict, total=False):
-    """Further arguments of `march`, by their types."""
+class Method(TypedDict, total=False):
+    """Arguments of `march` that orders depend on, by their types."""
 
-    form: str
     integrator: Any
-    scaling: Any
-    evaluation: str
-    precision: str
     formulation: Any
     projection: Any
     multipliers: str
     start: str
+    evaluation: str
+
+
+class Options(Method, total=False):
+    """Further arguments of `march`, by their types."""
+
+    form: str
+    scaling: Any
+    precision: str
     h_sequence: Any
     auxiliary: str
     linear_solver: str
@@ -69,14 +75,12 @@ class Options(TypedDict, total=False):
     twins: int
 
 
-#: What they are when they are omitted.
-_USUAL: Options = {
-    "form": "u-lambda", "integrator": Newmark(), "scaling": "optimal", "evaluation": DIRECT,
-    "precision": "float64", "formulation": CONSTRAINTS, "projection": UNPROJECTED,
-    "multipliers": AUTO, "start": CONSISTENT, "h_sequence": CONSTANT,
-    "auxiliary": RESCALE_VELOCITY, "linear_solver": AUTO, "krylov": None, "stop": None,
-    "iteration_cap": 50, "every": None, "at": None, "keep": KEPT, "u0": None, "v0": None,
-    "project": False, "state": None, "callback": None, "twins": 0,
+#: What they are when they are omitted: what a cell of a study has, where it has any.
+_USUAL: Mapping[str, Any] = {
+    "form": "u-lambda", "integrator": Newmark(), "scaling": "optimal", "keep": KEPT,
+    "project": False, **dict.fromkeys(("every", "at", "u0", "v0", "state", "callback")),
+    **{of.name: of.default for of in fields(Cell)
+       if of.name in Options.__annotations__ and of.default is not MISSING},
 }  # fmt: skip
 
 

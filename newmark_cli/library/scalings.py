@@ -5,28 +5,21 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType, NoneType
+from types import MappingProxyType
 from typing import Any
 
 from newmark_cli.library import arguments
 from newmark_cli.newmark import own_integrator
 from newmark_cli.newmark.forms import FORMS, INDEX_3
-from newmark_cli.newmark.formulation import (
-    CONSTRAINTS,
-    REPORTED,
-    STARTS,
-    UNPROJECTED,
-    Formulation,
-    FormulationError,
-    Projection,
-)
-from newmark_cli.newmark.integrator import AUXILIARY, Integrator, Newmark
+from newmark_cli.newmark.formulation import REPORTED, Formulation, FormulationError, Projection
+from newmark_cli.newmark.integrator import Integrator, Newmark
 from newmark_cli.newmark.integrator_labels import parse
 from newmark_cli.newmark.kept import KEPT
-from newmark_cli.newmark.linear.choice import AUTO, LINEAR_SOLVERS, Krylov
+from newmark_cli.newmark.linear.choice import AUTO, Krylov
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
-from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS, Scheme, Tolerance
-from newmark_cli.newmark.steps import CONSTANT
+from newmark_cli.newmark.scheme import Scheme, Tolerance
+from newmark_cli.newmark.steps import StepSequence
+from newmark_cli.study import axes, keys
 from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import ArgumentError
 
@@ -34,11 +27,6 @@ _Reader = Callable[[str, Any], Any]
 
 #: Largest β and γ, and the reciprocal of the smallest.
 _FARTHEST = 1e12
-#: Defaults of `march`, for which nothing needs to be imported.
-_USUAL = {
-    "trapezoidal": Newmark(), INDEX_3: CONSTRAINTS, UNPROJECTED.label: UNPROJECTED,
-    CONSTANT.label: CONSTANT,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -100,9 +88,7 @@ def scaling(
         gamma: Parameter of Newmark's scheme; 1/2 when omitted.
         integrator: An integrator in place of β and γ, as `march` takes it; its β and γ are then
             those of ∂u/∂v' = β h² and ∂v/∂v' = γ h.
-        scaling: ``"none"``, ``"left"``, ``"right"``, ``"optimal"``, ``"optimal-printed"``,
-            ``"partial"``, or a dict with ``name``, ``left`` and ``right``;
-            ``preconditioning`` is the same argument.
+        scaling: As of `march`; ``preconditioning`` is the same argument.
         formulation: As of `march`: its rows and unknowns are scaled by the rule of Table 2.
 
     Returns:
@@ -173,18 +159,14 @@ def _named(allowed: Collection[str]) -> _Reader:
     return lambda name, value: arguments.one_of(name, value, allowed)
 
 
-def _as_in_configs(model: str, is_it: Callable[[Any], bool]) -> _Reader:
-    """Reads what a config may give, by a model of `keys`; the core's own values pass."""
+def _by_model(model: type[keys.Valued], core: Any) -> _Reader:
+    """Reads what a config may give, by the model of its key; values of the core pass."""
 
     def read_by_model(name: str, value: Any) -> Any:
-        if is_it(value):
+        if isinstance(value, core):
             return value
-        if isinstance(value, str) and value in _USUAL:
-            return _USUAL[value]
-        from newmark_cli.study import keys  # which imports pydantic
-
         try:
-            return keys.read(name, value, getattr(keys, model))
+            return keys.read(name, value, model)
         except DocumentError as error:
             if isinstance(value, Mapping) or (isinstance(value, str) and name == "integrator"):
                 raise
@@ -194,59 +176,47 @@ def _as_in_configs(model: str, is_it: Callable[[Any], bool]) -> _Reader:
     return read_by_model
 
 
-_own_scaling = _as_in_configs("OwnScaling", lambda value: isinstance(value, Preconditioning))
+_own_scaling = _by_model(keys.OwnScaling, Preconditioning)
+_integrator_by_keys = _by_model(keys.IntegratorConfig, Integrator)
 
 
-def _scaling(name: str, value: Any) -> Preconditioning:
+def _scaling(name: str, value: Any) -> Any:
     if isinstance(value, Preconditioning | Mapping):
-        own: Preconditioning = _own_scaling(name, value)
-        return own
+        return _own_scaling(name, value)
     return Preconditioning(arguments.one_of(name, value, VARIANTS))
 
 
-_by_keys = _as_in_configs("IntegratorConfig", lambda value: isinstance(value, Integrator))
-
-
-def _integrator(name: str, value: Any) -> Integrator:
+def _integrator(name: str, value: Any) -> Any:
     """An integrator, of a class of the caller's, too."""
     if hasattr(value, "relations") and not isinstance(value, Integrator):
         kind = value if isinstance(value, type) else type(value)
         file = Path(getattr(sys.modules.get(kind.__module__), "__file__", None) or "notebook.py")
-        own: Integrator = own_integrator.of(f"{file.stem}.py:{kind.__name__}", value)
-        return own
+        return own_integrator.of(f"{file.stem}.py:{kind.__name__}", value)
     if isinstance(value, str):
         method, parts, _ = value.partition(" ")
         if parts and own_integrator.NAMED.fullmatch(method):
             return parse(value)  # a label, by which results name it
-    integrator: Integrator = _by_keys(name, value)
-    return integrator
+    return _integrator_by_keys(name, value)
 
 
-def _of(*kinds: Any) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, kinds)
-
-
+#: Arguments that are one of the names of an axis.
+_NAMES = ("form", "evaluation", "precision", "start", "auxiliary", "linear_solver")
 #: Argument of public functions → what reads it.
 _READERS: Mapping[str, _Reader] = MappingProxyType(
     {
-        "form": _named(FORMS),
-        "evaluation": _named(EVALUATIONS),
-        "precision": _named(PRECISIONS),
+        **{name: _named(axes.named(name).names) for name in _NAMES},
         "multipliers": _named((AUTO, *REPORTED)),
-        "start": _named(STARTS),
-        "auxiliary": _named(AUXILIARY),
-        "linear_solver": _named(LINEAR_SOLVERS),
         "iteration_cap": partial(arguments.count, least=1),
         "twins": arguments.count,
         "project": arguments.flag,
         "keep": partial(arguments.some_of, allowed=KEPT),
         "scaling": _scaling,
         "integrator": _integrator,
-        "formulation": _as_in_configs("FormulationConfig", _of(Formulation)),
-        "projection": _as_in_configs("ProjectionConfig", _of(Projection)),
-        "stop": _as_in_configs("StopConfig", _of(Tolerance, NoneType)),
-        "krylov": _as_in_configs("KrylovConfig", _of(Krylov, NoneType)),
-        "h_sequence": _as_in_configs("SequenceConfig", lambda value: hasattr(value, "factors")),
+        "formulation": _by_model(keys.FormulationConfig, Formulation),
+        "projection": _by_model(keys.ProjectionConfig, Projection),
+        "stop": _by_model(keys.StopConfig, Tolerance | None),
+        "krylov": _by_model(keys.KrylovConfig, Krylov | None),
+        "h_sequence": _by_model(keys.SequenceConfig, StepSequence),
     }
 )
 

@@ -1,15 +1,15 @@
 """Studies for notebooks: run one, get its rows, fit them and draw them."""
 
 import json
+import math
 import tempfile
 from collections.abc import Mapping
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from newmark_cli.library import arguments
 from newmark_cli.report.reading import records
-from newmark_cli.study import axes, config, csv_files, csv_rows
+from newmark_cli.study import axes, config, csv_files, csv_rows, showable
 from newmark_cli.study import trajectories as kept
 from newmark_cli.study.axis import ALIASES
 from newmark_cli.study.config import Study
@@ -204,7 +204,7 @@ def plot(
             name; the first if omitted.
         size: Width, or width and height (inch), from 1 to 40; as tall as it takes without a height.
         **choice: Draw only these: ``measure``, ``quantity``, ``form``, ``problem``,
-            ``preconditioning`` or ``scaling``, ``integrator``.
+            ``preconditioning`` or ``scaling``, ``integrator``, ``code``, or another axis.
 
     Returns:
         A figure of matplotlib, which a notebook shows and ``savefig`` writes.
@@ -229,21 +229,18 @@ def plot(
     from newmark_cli.report.reading.choosing import Choice
 
     sides = _sides(size)
-    choosable = ("quantity", "form", "problem", "preconditioning", "integrator")
-    choice = {ALIASES.get(name, name): value for name, value in choice.items()}
-    for name, value in choice.items():
-        arguments.one_of("argument", name, ("measure", *choosable))
+    values: dict[str, tuple[str, ...]] = {}
+    for given, value in choice.items():
+        name = ALIASES.get(given, given)
+        arguments.one_of("argument", name, ("measure", *showable.COMPARABLE))
         if not isinstance(value, str):
             raise ArgumentError(f"{name} must be text, given {arguments.shown(value)}")
+        values[name] = (value,)
     fits, recorded = _fits(frame)
     data = Results(_NOWHERE, fits, in_memory=recorded)
-    chosen = Choice(
-        (choice["measure"],) if "measure" in choice else (),
-        {name: (choice[name],) if name in choice else () for name in choosable},
-        everything=True,
-    )
+    wanted = Choice(values.pop("measure", ()), values, everything=True)
     try:
-        figures = plotting.chosen((), data, chosen).figures
+        figures = plotting.chosen((), data, wanted).figures
     except InputError as error:
         raise ArgumentError(str(error).replace("--", "")) from None
     names = [plotting.stem(entry) for entry in figures]
@@ -263,20 +260,18 @@ def _sides(size: Any) -> tuple[float, float | None] | None:
     if size is None:
         return None
     given = size if isinstance(size, tuple | list) else (size, None)
-    sides = [side for side in given if side is not None]
-    if (
-        len(given) != 2
-        or given[0] is None
-        or not all(
-            isinstance(side, Real) and not isinstance(side, bool) and 1 <= float(side) <= 40
-            for side in sides
-        )
-    ):
+    try:
+        width, other = given
+        width = arguments.number("size", width)
+        height = None if other is None else arguments.number("size", other)
+    except ValueError:
+        width = height = math.nan
+    if not all(1 <= side <= 40 for side in (width, width if height is None else height)):
         raise ArgumentError(
             "size must be a width, or a width and a height, from 1 to 40 inches, given "
             f"{arguments.shown(size)}"
         )
-    return float(given[0]), None if given[1] is None else float(given[1])
+    return width, height
 
 
 def _study(study: Any, allow_code: bool, timeout: float | None) -> Study:

@@ -2,9 +2,8 @@
 
 import csv
 import json
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
+from typing import TypedDict
 
 from newmark_cli.library.judging import template
 from newmark_cli.mechanisms import registry
@@ -16,63 +15,40 @@ _DATA = registry.TESTSET_FOLDER.with_suffix(".yaml")
 PARTS = ("u", "v", "lambda")
 
 
-@dataclass(frozen=True)
-class Member:
-    """A mechanism of the test set, or one of the project's own problems.
+class Member(TypedDict):
+    """A mechanism of the test set, or one of the project's own problems."""
 
-    Attributes:
-        name: As configs name it.
-        title: Of the mechanism.
-        description: What it is made of.
-        n: Coordinates.
-        m: Constraints.
-        tests: What makes integrators fail there; empty for the project's own problems.
-        source: Where the mechanism comes from.
-        t_end: Time to which it is meant to run (s); None for the project's own.
-        times: Times of the reference values (s).
-        errors: u, v, lambda → the largest stated error of the reference values, relative.
-        second: How these values were confirmed.
-        published: What others have published, and how well it agrees.
-    """
-
-    name: str
-    title: str
-    description: str
-    n: int
-    m: int
-    source: str
-    tests: str = ""
-    t_end: float | None = None
-    times: tuple[float, ...] = ()
-    errors: dict[str, float] | None = None
-    second: str = ""
-    published: str = ""
-
-    @property
-    def degrees_of_freedom(self) -> int:
-        """Coordinates less constraints; redundant rows do not count."""
-        return self.n - self.m
+    name: str  #: as configs name it
+    title: str  #: of the mechanism
+    description: str  #: what it is made of
+    n: int  #: coordinates
+    m: int  #: constraints
+    source: str  #: where the mechanism comes from
+    tests: str  #: what makes integrators fail there; empty for the project's own problems
+    t_end: float | None  #: time to which it is meant to run (s); None for the project's own
+    times: list[float]  #: times of the reference values (s)
+    #: u, v, lambda → the largest stated error of the reference values, relative
+    errors: dict[str, float] | None
+    second: str  #: how these values were confirmed
+    published: str  #: what others have published, and how well it agrees
+    degrees_of_freedom: int  #: coordinates less constraints; redundant rows do not count
 
 
-@cache
 def member(name: str) -> Member:
     """The member, or the project's own problem, of a name; nothing is built."""
     data = documents.read(registry.file(name)).data
-    source = data.get("source", "this project")
-    about = name, data["title"], data["description"], *registry.size(data), source
-    if name not in registry.TESTSET:
-        return Member(*about)
-    rows = references(name)
-    said = documents.read(_DATA).data[name]
-    return Member(
-        *about,
-        said["tests"],
-        float(said["t_end"]),
-        tuple(float(row["t"]) for row in rows),
-        {part: max(float(row[f"error[{part}]"]) for row in rows) for part in PARTS},
-        said["second"],
-        said["published"],
-    )
+    n, m = registry.size(data)
+    rows = references(name) if name in registry.TESTSET else []
+    said = documents.read(_DATA).data.get(name, {})
+    worst = {p: max(float(row[f"error[{p}]"]) for row in rows) for p in PARTS} if rows else None
+    return {
+        "name": name, "title": data["title"], "description": data["description"], "n": n, "m": m,
+        "source": data.get("source", "this project"), "tests": said.get("tests", ""),
+        "t_end": float(said["t_end"]) if said else None,
+        "times": [float(row["t"]) for row in rows], "errors": worst,
+        "second": said.get("second", ""), "published": said.get("published", ""),
+        "degrees_of_freedom": n - m,
+    }  # fmt: skip
 
 
 def references(name: str) -> list[dict[str, str]]:

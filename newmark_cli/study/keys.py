@@ -67,6 +67,7 @@ def read(name: str, value: Any, model: type[Value], around: Surroundings | None 
     """The core's value of what a command line, or a function of the library, is given.
 
     The model is that of the config's key, and errors are those of a config, under the name.
+    Without surroundings no code runs.
     """
     return documents.validate(Document.of(name, value), model, context=around).value()
 

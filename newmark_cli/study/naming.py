@@ -9,9 +9,8 @@ from pydantic import BeforeValidator
 from newmark_cli.mechanisms import loading, registry, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import ForcedMechanism, ProblemSpec, with_ending
-from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.problems.problem import Problem
-from newmark_cli.study import keys, shipped
+from newmark_cli.study import shipped
 from newmark_cli.study.config import parse, warn_of
 from newmark_cli.study.subjects import Surroundings, problem_of
 from newmark_cli.support import documents
@@ -47,13 +46,6 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
 
 class _OneProblem(StrictModel):
     problem: Annotated[Any, BeforeValidator(problem_of)]
-
-
-def integrator_named(text: str, allow_code: bool = True) -> Integrator:
-    """Integrator that a command line names, which may be code."""
-    around = Surroundings(allow_code=allow_code)
-    integrator: Integrator = keys.read("--integrator", text, keys.IntegratorConfig, around)
-    return integrator
 
 
 def describe(name: str, allow_code: bool) -> list[str]:

@@ -217,6 +217,21 @@ def test_bad_tables_are_refused_in_a_line(cli):
         assert line.endswith(": cannot be read: No such file or directory")
 
 
+def test_a_warning_of_the_method_is_printed_once(cli):
+    """Every run of the table names the integrator, and so does the command."""
+    method = "alpha beta=0.3025 gamma=0.6 alpha_m=0 alpha_f=0"
+    table = swings((0.02, 0.01, 0.005), integrator="newmark beta=0.3025 gamma=0.6")
+    table.assign(integrator=method).to_csv(cli.folder / "mine.csv", index=False)
+    process = cli.start("judge", "mine.csv", "--problem", THROWN, "--integrator", method)
+    _, told = process.communicate(timeout=200)
+    assert told.count("gamma = 0.6 is not 1/2 - alpha_m + alpha_f = 0.5") == 1
+
+
+def test_a_method_has_no_other_arguments():
+    with pytest.raises(TypeError, match="unexpected keyword argument 'integrater'"):
+        newmark.judge(swings((0.02,)), THROWN, integrater="bdf2")
+
+
 def test_poor_tables_still_tell_something():
     table = swings()
     gaps = table.copy()

@@ -133,6 +133,7 @@ def test_figures_draw_the_rows(frame):
     assert second.get_size_inches().tolist() == [5, 4]
     for size in (5, (5, None), [5, None]):
         assert newmark.plot(frame, 1, size=size).get_size_inches()[0] == 5
+    assert newmark.plot(frame, code="newmark-study", form="u-lambda", scaling="none").axes
 
 
 @pytest.mark.parametrize(
@@ -153,6 +154,10 @@ def test_figures_draw_the_rows(frame):
         (lambda frame: newmark.plot(frame, "mine"), "unknown figure 'mine'"),
         (lambda frame: newmark.plot(frame, measure="x"), "measure: unknown measure 'x'"),
         (lambda frame: newmark.plot(frame, colour="red"), "unknown argument 'colour'"),
+        (
+            lambda frame: newmark.plot(frame, code="mine"),
+            "code: no series of 'mine' in the results",
+        ),
         (lambda frame: newmark.plot(frame, size="3.3x2"), "from 1 to 40 inches, given '3.3x2'"),
         (lambda frame: newmark.plot(frame, size=(3, 99)), "from 1 to 40 inches, given (3, 99)"),
         (lambda frame: newmark.plot(frame, size=float("nan")), "from 1 to 40 inches, given nan"),

@@ -51,7 +51,6 @@ from newmark_cli.study.csv_rows import (
     study_files,
 )
 from newmark_cli.study.measures import OF_MULTIPLIERS, RECORDS, Record
-from newmark_cli.study.showable import VALUES
 from newmark_cli.support import files
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError, ResultsError
@@ -71,15 +70,6 @@ COLUMNS = axes.appended(
         *((3, name) for name in ("h_from", "h_to", "local_orders", "reason")),
     )
 )
-#: What each column holds.
-ABOUT: Mapping[str, str] = {
-    **{axis.name: axis.shows or axis.about for axis in axes.series_axes() if axis.column},
-    **VALUES,
-    "figure": "figures that draw the series",
-    "expected": "predicted order; empty where theory predicts none",
-    "tolerance": "largest |slope − expected| that passes",
-    "verdict": "see the verdicts in “Reading results”",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +209,10 @@ def study_slopes(
         places.setdefault(values, []).append(place)
     lost, study, config = _lost(columns, marched), str(columns["study"][0]), record.get("config")
     accepted, of_shipped = _accepted(config), shipped.is_shipped(study, config)
-    drawing = _drawing(records.told(path, partial(of_study, study), config))
+    drawing: dict[SeriesKey, list[Figure]] = {}
+    for figure in records.told(path, partial(of_study, study), config):
+        for curve in figure.curves:
+            drawing.setdefault(curve.key, []).append(figure)
     slopes = []
     for values, at in places.items():
         *named, start = values
@@ -227,14 +220,16 @@ def study_slopes(
         key = SeriesKey.of(row | {"steps": 0 if start else 1})
         by_size = np.argsort([-columns["h"][place] for place in at], kind="stable").tolist()
         rows = {name: [columns[name][at[i]] for i in by_size] for name in _READ}
-        if not key.measure and accepted.issuperset(rows["status"]):
+        if not key.measure:
+            if not accepted.issuperset(rows["status"]):
+                slopes.append(unmeasured(key, str(row["role"])))
             continue
         series = _Series(
             key, str(row["role"]), rows, len(sizes[cases[at[0]]]), accepted, record,
             lost.get(tuple(row[name] for name in marched), ""), drawing.get(key, ()), path,
             of_shipped,
         )  # fmt: skip
-        slopes.append(series.slope() if key.measure else series.failed())
+        slopes.append(series.slope())
     return slopes
 
 
@@ -260,15 +255,6 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     """Slopes that a figure draws, in the order of the figures."""
     drawn = [slope for slope in slopes if slope.figures]
     return sorted(drawn, key=lambda slope: place_of(slope.figures[0]))
-
-
-def _drawing(figures: Iterable[Figure]) -> Mapping[SeriesKey, list[Figure]]:
-    """Key of a series → the figures that draw it."""
-    drawing: dict[SeriesKey, list[Figure]] = {}
-    for figure in figures:
-        for curve in figure.curves:
-            drawing.setdefault(curve.key, []).append(figure)
-    return drawing
 
 
 @dataclass(frozen=True)
@@ -322,10 +308,6 @@ class _Series:
             unique=unique,
             rejudged=self.slope,
         )  # fmt: skip
-
-    def failed(self) -> Slope:
-        """It without a measure, of a cell that failed: incomplete."""
-        return unmeasured(self.key, self.role)
 
     def _tolerance(self, record: Record, figures: Sequence[Figure]) -> float:
         """The strictest tolerance of the figures with the series, else that of its measure."""

@@ -8,7 +8,7 @@ import math
 import re
 import shutil
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from newmark_cli.report.judging.verdicts import FAILING, UNDECIDED
@@ -106,16 +106,13 @@ def _widths(rows: Sequence[Sequence[str]]) -> list[tuple[int, int]]:
 
     columns = zip(*(row for row in rows if len(row) > 1 or len(rows[0]) == 1), strict=True)
     widths = []
-    for column in columns:
-        word = _longest(column, str.split, cell_len)
-        widths.append((min(word, _WORD), _longest(column, str.splitlines, cell_len)))
+    for entries in map("\n".join, columns):
+        word, line = (
+            max(map(cell_len, parts), default=0) or 1
+            for parts in (entries.split(), entries.splitlines())
+        )
+        widths.append((min(word, _WORD), line))
     return widths
-
-
-def _longest(
-    column: Iterable[str], parts: Callable[[str], list[str]], length: Callable[[str], int]
-) -> int:
-    return max((length(part) for entry in column for part in parts(entry)), default=1)
 
 
 def fitted(rows: Sequence[Sequence[str]], room: int) -> list[int]:

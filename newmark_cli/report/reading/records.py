@@ -74,10 +74,11 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
     """Versions that results were computed with, by name, as far as the record has them."""
     source, blas, machine = (mapping(record, key) for key in ("source", "blas", "platform"))
     threads = {name: count for name, count in mapping(blas, "threads").items() if count}
+    commit = source.get("commit")
     facts = {
         **{str(name): value for name, value in mapping(record, "versions").items()},
         **problem_files(record),
-        "commit": _commit(source),
+        "commit": f"{commit}{' (modified)' if source.get('modified') else ''}" if commit else "",
         "BLAS of numpy": blas.get("numpy"),
         "BLAS of scipy": blas.get("scipy"),
         "BLAS kernel": blas.get("kernel"),
@@ -92,11 +93,12 @@ def environment(record: Mapping[str, Any]) -> dict[str, str]:
 
 def facts(record: Mapping[str, Any]) -> dict[str, str]:
     """Entries of a record about a run, by name, its environment included."""
-    times = (number(cell, "wall_seconds") for cell in cells_of(record))
+    cells = cells_of(record)
+    times = (number(cell, "wall_seconds") for cell in cells)
     seconds = [time for time in times if not math.isnan(time)]
     return {
         "finished": str(record.get("finished", UNKNOWN)),
-        "cells": _counted(cells_of(record)),
+        "cells": counted(str(cell.get("status")) for cell in cells) or "0",
         "wall time": (
             f"{sum(seconds):.3g} s of all cells together, {max(seconds, default=0):.3g} s of the "
             f"slowest, {record['jobs']} side by side"
@@ -237,16 +239,6 @@ def problem_files(record: Mapping[str, Any]) -> dict[str, str]:
 def cells_of(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Cells of a run, as its record has them."""
     return [cell for cell in listed(record, "cells") if isinstance(cell, dict)]
-
-
-def _counted(cells: Sequence[Mapping[str, Any]]) -> str:
-    """Number of cells by status."""
-    return counted(str(cell.get("status")) for cell in cells) or "0"
-
-
-def _commit(source: Mapping[str, Any]) -> str:
-    commit = source.get("commit")
-    return f"{commit}{' (modified)' if source.get('modified') else ''}" if commit else ""
 
 
 def _number(value: Any) -> str:

@@ -15,6 +15,7 @@ from newmark_cli.report.judging.verdicts import (
     PASS,
     SHOWN,
     UNDECIDED,
+    joined,
 )
 from newmark_cli.report.reading.words import quantity
 from newmark_cli.study.axis import TRAPEZOIDAL
@@ -58,18 +59,14 @@ def slope_lines(slopes: Iterable[Slope]) -> list[tuple[str, ...]]:
     """
     rows = (
         (
-            _of_figure(slope) if slope.figures else _where(slope),
+            f"figure{'s' * (len(slope.figures) > 1)} {', '.join(slope.figures)}, {slope.study}"
+            if slope.figures else _where(slope),
             quantity(slope), _variant(slope), format_prediction(slope), format_fit(slope.fit),
             format_verdict(slope),
         )
         for slope in slopes
     )  # fmt: skip
     return gathered(("quantity", "variant", "predicted", "fitted", "verdict"), rows)
-
-
-def _of_figure(slope: Slope) -> str:
-    word = "figure" if len(slope.figures) == 1 else "figures"
-    return f"{word} {', '.join(slope.figures)}, {slope.study}"
 
 
 def _where(slope: Slope) -> str:
@@ -121,8 +118,8 @@ def remarks(slopes: Iterable[Slope]) -> list[str]:
         loses = loses or (slope.verdict == SHOWN and ALTERNATES in slope.reason)
         if slope.missed or (loses and not slope.accepted):
             orders = format_orders(slope)
-            parts = (f"local orders {orders}" if orders else "", slope.reason)
-            key = slope.verdict, slope.study, "; ".join(filter(None, parts))
+            why = joined(f"local orders {orders}" if orders else "", slope.reason)
+            key = slope.verdict, slope.study, why
             alike.setdefault(key, []).append(slope)
     lines = []
     for (verdict, study, why), same in alike.items():

@@ -62,9 +62,7 @@ def compare(
         for name, entries in zip(names, lacking, strict=True):
             shown = [*entries[:most], *_more(entries, most)]
             lines += [visible(f"only in {name}: {entry}") for entry in shown]
-    ended = _differences(cells[cells["status_x"] != cells["status_y"]], "status", _cell)
     beyond = both[~agree(both["measure"], both["value_x"], both["value_y"], rtol)]
-    values = _differences(beyond, "value", _row)
     ours, theirs = (_judged(folder) for folder in (first, second))
     judged = {name: (ours[name], theirs[name]) for name in ours if name in theirs}
     verdicts = [
@@ -72,31 +70,26 @@ def compare(
     ]
     apart = {name: abs(x[2] - y[2]) for name, (x, y) in judged.items() if not math.isnan(x[2])}
     farthest = max(apart, key=lambda name: np.nan_to_num(apart[name]), default="")
-    slope: list[Difference] = []
-    if apart.get(farthest, 0) > 0:
-        slope = [(farthest, ours[farthest][0], theirs[farthest][0])]
-    environment = list(_environments(first, second))
+    differences: dict[str, list[Difference]] = {
+        "statuses": _differences(cells[cells["status_x"] != cells["status_y"]], "status", _cell),
+        "values": _differences(beyond, "value", _row),
+        "farthest_slope": [(farthest, ours[farthest][0], theirs[farthest][0])]
+        if apart.get(farthest, 0) > 0
+        else [],
+        "environment": list(_environments(first, second)),
+        "verdicts": verdicts,
+    }
     fitted = sum(of[3] for of, _ in judged.values())
-    blocks: list[tuple[str, list[Difference]]] = [
-        (f"cells that ended differently: {len(ended)}", ended),
-        (
-            f"values beyond tolerance: {len(values)} of {len(both)} "
-            f"({', '.join(DETERMINED)}: {rtol:g}; others: a factor of {FACTOR:g})",
-            values,
-        ),
-        ("slope farthest apart:" if slope else "no slope differs", slope),
-        (
-            "computed with something else:"
-            if environment
-            else "no difference in what was recorded of code and machine",
-            environment,
-        ),
-        (
-            f"verdicts changed: {len(verdicts)}, "
-            f"of {fitted} slopes and {len(judged) - fitted} claims",
-            verdicts,
-        ),
-    ]
+    titles = (
+        f"cells that ended differently: {len(differences['statuses'])}",
+        f"values beyond tolerance: {len(beyond)} of {len(both)} "
+        f"({', '.join(DETERMINED)}: {rtol:g}; others: a factor of {FACTOR:g})",
+        "slope farthest apart:" if differences["farthest_slope"] else "no slope differs",
+        "computed with something else:" if differences["environment"]
+        else "no difference in what was recorded of code and machine",
+        f"verdicts changed: {len(verdicts)}, of {fitted} slopes and {len(judged) - fitted} claims",
+    )  # fmt: skip
+    blocks = zip(titles, differences.values(), strict=True)
     text = "\n\n".join(["\n".join(lines), *(_block(*block, names, most) for block in blocks)])
     data = {
         "folders": [*names],
@@ -104,11 +97,7 @@ def compare(
         "values_in_both": len(both),
         "only_in_first": lacked[0] + only[0],
         "only_in_second": lacked[1] + only[1],
-        "statuses": ended,
-        "values": values,
-        "farthest_slope": slope,
-        "environment": environment,
-        "verdicts": verdicts,
+        **differences,
     }
     return text, data, bool(verdicts) or any(only)
 

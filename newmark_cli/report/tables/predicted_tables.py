@@ -5,7 +5,7 @@ Nothing is measured here; `check` compares a study with the same orders.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from operator import itemgetter
 
@@ -17,7 +17,7 @@ from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import BY_SENSITIVITY, TABLE_2, VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 from newmark_cli.report.judging.fits import format_order
-from newmark_cli.report.tables.table import Report, Table, pivoted
+from newmark_cli.report.tables.table import MISSING, Report, Table, pivoted
 from newmark_cli.study.axes import value_text
 from newmark_cli.study.measures import symbol
 
@@ -93,15 +93,12 @@ def factors() -> Table:
     """Table 2 as the code has it: the factors themselves."""
     sides = (("left", "DVKC"), ("right", (*FIELDS, "lambda")))
     blocks = [(side, block) for side, names in sides for block in names]
-    rows = ((form_name(form), *_factors(form, blocks)) for form in FORMS)
+    rows = tuple(
+        (form_name(form), *(factor_text(TABLE_2[form][side].get(block)) for side, block in blocks))
+        for form in FORMS
+    )
     headings = ("form", *(block_name(*block) for block in blocks))
-    return Table("Table 2: factors of the optimal scaling", headings, tuple(rows), False)
-
-
-def _factors(form: str, blocks: Iterable[tuple[str, str]]) -> Iterator[str]:
-    for side, block in blocks:
-        factor = TABLE_2[form][side].get(block)
-        yield factor_text(factor) if factor else "–"
+    return Table("Table 2: factors of the optimal scaling", headings, rows, False)
 
 
 def form_name(form: str) -> str:
@@ -114,8 +111,10 @@ def block_name(side: str, block: str) -> str:
     return f"D_{side[0].upper()} {symbol(block)}"
 
 
-def factor_text(factor: str) -> str:
+def factor_text(factor: str | None) -> str:
     """A factor as people write it: γ/(βh²) for gamma/(beta*h^2)."""
+    if factor is None:
+        return MISSING
     text = str(Monomial.parse(factor)).replace("*", "")
     text = text.replace("beta", "β").replace("gamma", "γ")
     powers = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
