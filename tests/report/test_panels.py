@@ -106,7 +106,7 @@ def test_a_trace_as_it_is_drawn():
     assert (single.get_marker(), single.get_linestyle()) == ("*", "None")
     assert texts(drawing.legends[0]) == ["one", "point"]
     assert drawing.legends[0].get_title().get_text().replace("\n", " ") == (
-        "hollow: rounding rules; not joined: cells that did not end well"
+        "hollow: rounding rules; not joined: runs that did not end well"
     )
 
 

@@ -301,7 +301,7 @@ def test_cells_that_did_not_end_well_stand_apart(tmp_path):
     sheet = sheets.sheet(figure, given)
     (trace,) = sheet.panels[0].traces
     assert trace.apart.tolist() == [False, False, True, False]
-    assert sheet.heading == "fitted slope; not joined: cells that did not end well"
+    assert sheet.heading == "fitted slope; not joined: runs that did not end well"
 
 
 def test_work_precision_matches_cells_to_rows(tmp_path):

@@ -27,7 +27,7 @@ _VISIBLE = 0.1
 _SIGNS: Mapping[str, Callable[["Trace"], Mask]] = {
     "bars: rounding": lambda trace: trace.uncertain,
     "hollow: rounding rules": lambda trace: trace.ruled,
-    "not joined: cells that did not end well": lambda trace: trace.apart,
+    "not joined: runs that did not end well": lambda trace: trace.apart,
 }
 
 #: How an axis counts.
