@@ -20,8 +20,9 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain, power
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain
 from newmark_cli.report.drawing.style import NONE, checked, settled
+from newmark_cli.report.reading.words import power
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError
 
@@ -267,7 +268,7 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
         entry.set_text(_wrapped(entry, entry.get_text(), room))
     if sheet.heading:
         legend.set_title(" ")
-        legend.set_title(_wrapped(legend.get_title(), sheet.heading, most))
+        legend.set_title(_wrapped(legend.get_title(), sheet.heading, 0.95 * most))
 
 
 def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[tuple[str, Any]]]:
@@ -289,7 +290,9 @@ def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[t
 
 
 #: Settings of a legend of several groups.
-_DENSE: Any = {"handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8}
+_DENSE: Any = {
+    "handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8, "labelspacing": 0.2,
+}  # fmt: skip
 #: What an entry without a line or marker has for a handle.
 _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 
@@ -378,7 +381,9 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
             "", where, xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
             ha="center", va=side, fontsize=size, color="0.3", label="title",
         )  # fmt: skip
-        lines = _wrapped(text, ", ".join(fits), width)
+        # Labels may have commas of their own.
+        between = "; " if any(", " in fit for fit in fits) else ", "
+        lines = _wrapped(text, between.join(fits), width)
         if lines.count("\n") > 1:  # names take too much room
             lines = _wrapped(text, ", ".join(short), width)
         text.set_text(lines)
@@ -395,10 +400,13 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
 
 
 def _fits(panel: Panel) -> tuple[list[str], list[str]]:
-    """Fitted slopes of a panel with a title, and its number of zeros: with labels, and in short."""
+    """Fitted slopes of a panel with a title, and its number of zeros, in full and in short.
+
+    In full slopes have labels and standard errors.
+    """
     fitted = [t for t in panel.traces if t.fit and panel.titles]
-    fits = [f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}" for t in fitted]
-    short = [t.fit.replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
+    fits = [f"{plain(t.label)}{_FIXED}{t.fit.replace(' ', _FIXED)}" for t in fitted]
+    short = [_ERROR.sub("", t.fit).replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
     zeros = sum(trace.zeros for trace in panel.traces)
     if zeros and panel.tell_zeros and panel.y_scale == "log":
         fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
@@ -406,6 +414,10 @@ def _fits(panel: Panel) -> tuple[list[str], list[str]]:
     elif panel.empty and not panel.scene:
         fits.append("no values")
     return fits, short
+
+
+#: Standard error of a fitted slope.
+_ERROR = re.compile(r" ± [0-9.]+")
 
 
 def _is_grid(sheet: Sheet) -> bool:

@@ -242,11 +242,3 @@ def plain(text: str) -> str:
     """A text without mathematics: a name that somebody gave may have dollar signs, or worse."""
     shown = visible(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
     return shown.replace("$", r"\$")
-
-
-_SUPERSCRIPTS = str.maketrans("−-.0123456789", "⁻⁻·⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def power(base: str, exponent: str) -> str:
-    """A power as plain text, which is drawn much faster than mathematics."""
-    return base + exponent.translate(_SUPERSCRIPTS)
