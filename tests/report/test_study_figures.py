@@ -674,7 +674,13 @@ def test_tables_of_ones_own(mine):
     printed = mine("tables", "mine", "--rows", "preconditioning", "--columns", "quantity",
                    "--format", "latex").stdout  # fmt: skip
     assert printed.count(r"\begin{tabular}{@{}ll@{}}") == 2
-    assert r"    none & 2: 2.00 $\pm$ 0.01 \tabularnewline" in printed
+    assert r"    none & 2: 2.00~$\pm$~0.01 \tabularnewline" in printed
+    assert r"\label{tab:mine-error}" in printed
+    # Alternatives stand in one table, each under its name.
+    printed = mine("tables", "mine", "--rows", "quantity", "--columns", "measure",
+                   "--format", "latex").stdout  # fmt: skip
+    assert printed.count(r"\begin{table}") == 1
+    assert r"    \multicolumn{3}{l}{\itshape optimal} \tabularnewline" in printed
     markdown = mine("tables", "mine", "--columns", "measure,quantity", "--values", "slope").stdout
     assert "| preconditioning | error, u | condition, C |" in markdown
     assert "| optimal | 2.00 | −4.00" in markdown
