@@ -264,7 +264,8 @@ def _legend(layout: TableConfig, slopes: Sequence[Slope]) -> tuple[tuple[str, st
         legend = [(name, f"{VALUES[name]}.") for name in layout.shown]
     else:
         legend = [("", f"Entries: {': '.join(VALUES[name] for name in layout.shown)}.")]
-    if said := scalings(slopes):
+    compared = {*(layout.rows or ()), *(layout.columns or ())}
+    if (said := scalings(slopes)) and ("preconditioning" in compared or not layout.across):
         legend.append(("", f"S{said[1:]}."))
     marks = {_marks(slope) for slope in slopes if "fitted" in layout.shown}
     if any("*" in mark for mark in marks):

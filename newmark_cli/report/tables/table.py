@@ -159,7 +159,8 @@ _SYMBOLS = {
     "α": r"\alpha ", "β": r"\beta ", "γ": r"\gamma ", "η": r"\eta ", "λ": r"\lambda ",
     "ρ": r"\rho ", "ω": r"\omega ", "κ": r"\kappa ", "Φ": r"\Phi ", "Δ": r"\Delta ",
     "∂": r"\partial ", "∞": r"_\infty ", "−": "-", "±": r"\pm ", "≥": r"\ge ", "→": r"\to ",
-    "ᵀ": "^T", "₀": "_0", "′": "'", "×": r"\times ", "·": r"\cdot ", "‖": r"\|", "ε": r"\varepsilon ",
+    "ᵀ": "^T", "₀": "_0", "′": "'", "×": r"\times ", "·": r"\cdot ", "‖": r"\|",
+    "ε": r"\varepsilon ",
 }  # fmt: skip
 _POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _MATH = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)|([" + "".join(_SYMBOLS) + "])")
