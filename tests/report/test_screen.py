@@ -11,7 +11,8 @@ from test_show import on_a_terminal
 
 import newmark_cli as newmark
 from newmark_cli.report.drawing import draw
-from newmark_cli.report.drawing.draw_mechanism import mechanism_figure
+from newmark_cli.report.drawing.draw import drawn
+from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
@@ -163,7 +164,7 @@ def test_figures_take_names_as_text(cli):
     cli("plot", "one", "two", "--format", "svg")
     written = cli.folder / "results/figures"
     evil = newmark.problem(EVIL)
-    assert b"input" in rendered(mechanism_figure(TEX, evil, evil.u0), "svg")
+    assert b"input" in rendered(drawn(mechanism_sheet(TEX, evil, evil.u0)), "svg")
     for name in ("one", "two"):
         ElementTree.parse(written / f"figure-{name}.svg")
         assert r"\input" in (written / f"figure-{name}.svg").read_text()

@@ -406,7 +406,8 @@ def _fits(panel: Panel) -> tuple[list[str], list[str]]:
     """
     fitted = [t for t in panel.traces if t.fit and panel.titles]
     fits = [f"{plain(t.label)}{_FIXED}{t.fit.replace(' ', _FIXED)}" for t in fitted]
-    short = [_ERROR.sub("", t.fit).replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
+    bare = (re.sub(r" ± [0-9.]+", "", trace.fit) for trace in panel.traces)
+    short = [fit.replace(" ", _FIXED) or "–" for fit in bare if fitted]
     zeros = sum(trace.zeros for trace in panel.traces)
     if zeros and panel.tell_zeros and panel.y_scale == "log":
         fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
@@ -414,10 +415,6 @@ def _fits(panel: Panel) -> tuple[list[str], list[str]]:
     elif panel.empty and not panel.scene:
         fits.append("no values")
     return fits, short
-
-
-#: Standard error of a fitted slope.
-_ERROR = re.compile(r" ± [0-9.]+")
 
 
 def _is_grid(sheet: Sheet) -> bool:
@@ -479,6 +476,7 @@ def _write_orders(axes: Any, panel: Panel) -> None:
     lines = [line for line in panel.references if line.text]
     taken = [_pixels(axes, line) for line in axes.get_lines()] if lines else []
     inside = axes.get_window_extent()
+    low, high = inside.min + 6, inside.max - 6  # past the ticks in the frame
     for line in lines:
         text = axes.text(
             0, 0, line.text, ha="center", va="center", style="italic", fontsize=7, color="0.35"
@@ -489,18 +487,12 @@ def _write_orders(axes: Any, panel: Panel) -> None:
         obstacles = np.concatenate(taken)
         for place in _places(axes.transData.transform(np.column_stack([line.x, line.y])), half):
             near = np.all(np.abs(obstacles - place) < half + 3, axis=1)
-            if not near.any() and np.all(
-                (place - half > inside.min + _OFF_FRAME) & (place + half < inside.max - _OFF_FRAME)
-            ):
+            if not near.any() and np.all((place - half > low) & (place + half < high)):
                 text.set_position(axes.transData.inverted().transform(place))
                 taken.append(place + half * np.array([[-1, 0], [0, 0], [1, 0]]))
                 break
         else:
             text.remove()
-
-
-#: Distance of a text from the frame (pixels): past the ticks in it.
-_OFF_FRAME = 6
 
 
 def _places(ends: Array, half: Array) -> Iterator[Array]:
