@@ -156,7 +156,11 @@ def rows_of(curve):
 
 
 def curves(figure):
-    """What a figure draws; claims about precisions are about every form."""
+    """What a figure draws; claims about precisions are about every form, those about cures about
+    all that figures draw of their errors.
+    """
+    if figure.study == "cures":
+        return [curve for name in ("16", "24", "25") for curve in FIGURES[name].curves]
     if figure.study != "precision":
         return list(figure.curves)
     return [

@@ -304,11 +304,11 @@ def committed(committed_folder, committed_results):
 
 
 def test_tables_of_cures_are_those_of_the_results(committed):
-    """Orders in docs/what-scaling-cures.md are the fitted ones, by the names of Figure 16."""
+    """Orders in docs/what-scaling-cures.md are the fitted ones, by the names in the figures."""
     page = PAGES["what-scaling-cures.md"].read_text(encoding="utf-8")
     column = r"^\| {} \| [^|]*\| [^|]*fitted ([−0-9.]+) \| [^|]* \| [^|]* \|$"
     fitted = {slope.key: slope.fit.slope for slope in committed}
-    for curve in FIGURES["16"].curves:
+    for curve in (curve for name in ("16", "24", "25") for curve in FIGURES[name].curves):
         if curve.problem == "andrews":
             at = {"measure": "condition", "quantity": "jacobian"}
             slope = fitted[SeriesKey.of(curve.key.named() | at)]

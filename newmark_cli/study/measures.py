@@ -50,6 +50,15 @@ def _math(quantity: str) -> str:
     return _MATH.get(quantity, quantity)
 
 
+#: Problems of unit mass, length and gravity; all others are in SI units.
+_DIMENSIONLESS = ("pendulum", "chain")
+
+
+def is_dimensionless(problem: str) -> bool:
+    """Whether a problem's values have no units; of all others they are in SI units."""
+    return problem.partition("(")[0] in _DIMENSIONLESS
+
+
 #: Quantities that are multipliers, or reactions, which are linear in them.
 OF_MULTIPLIERS = ("lambda", "multiplier", "force", "moment")
 #: Errors of outputs → what their errors are of.  Names of outputs end in these and an axis.
@@ -205,11 +214,15 @@ def _order_of_correction(key: SeriesKey) -> float:
 def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
     """Records of corrections in the solver's unknowns, and in physical units."""
 
+    def in_units(key: SeriesKey) -> str:
+        scaled = key.measure == name or is_dimensionless(key.problem)
+        return "(rms)" if scaled else "(rms, SI\u00a0units)"
+
     def record(name: str, of_unit: str, mark: str) -> Record:
         return Record(
             name,
             lambda key: f"{text}Δ{symbol(key.quantity)}{of_unit}",
-            lambda key: rf"{label} $\|\Delta{mark} {_math(key.quantity)}\|$ (rms)",
+            lambda key: rf"{label} $\|\Delta{mark} {_math(key.quantity)}\|$ {in_units(key)}",
             "rms",
             kind="rounding",
             quantities=(*FIELDS, *MULTIPLIERS),

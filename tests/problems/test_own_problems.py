@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 from newmark_cli.mechanisms.registry import problem
-from newmark_cli.report.drawing import draw_mechanism
+from newmark_cli.report.drawing import draw, draw_mechanism
 from newmark_cli.study import naming
 
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
@@ -52,7 +52,7 @@ def test_compiled_code_runs_through_the_kernel(cli):
 def test_every_mechanism_can_be_drawn(name):
     """Each body, bar and joint has its line, and a small mechanism its names and a key."""
     subject = naming.problem_named(name).load()
-    drawn = draw_mechanism.mechanism_figure(name, subject, subject.u0)
+    drawn = draw.drawn(draw_mechanism.mechanism_sheet(name, subject, subject.u0))
     (axes,) = drawn.axes
     spatial, mechanism = len(subject.axes) == 3, subject.drawing
     in_millimetres = "(mm)" in axes.get_xlabel() or any(

@@ -55,7 +55,11 @@ def test_order_figures_draw_the_csv(committed_folder, committed_results, figure)
     )
     assert (panel.x_scale, panel.y_scale) == ("log", "log")
     assert "h" in panel.x_label
-    assert sheet.note == "fitted slope"
+    columns = {"u-lambda": "λ·h⁻²", "v-lambda": "v·h⁻¹, λ·h⁻²", "a-lambda": "a·h⁻², λ·h⁻²"}
+    assert sheet.note == (
+        f"scaling left: rows D·h²; right: columns {columns[first.form]}; optimal: both; "
+        "fitted slope"
+    )
 
 
 STUDY_FIGURES = [FIGURES[name] for name in ("10", "11", "12", "13")]

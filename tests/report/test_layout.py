@@ -136,6 +136,8 @@ def test_a_size_that_is_given_is_kept():
 
 
 def test_a_size_without_room_names_one():
-    """Two panels in a column: the height that they take."""
+    """Two panels in a column: the height that they take; ten series leave axes of a few mm."""
     with pytest.raises(InputError, match=r"3.3x1 inches has no room .* '--size 3.3' makes it"):
         draw.drawn(sheet("orders", 2, 4, "short"), (3.3, 1.0))
+    with pytest.raises(InputError, match=r"3.3x2.4 inches has no room .* '--size 3.3' makes it"):
+        draw.drawn(sheet("orders", 1, 10, "short"), (3.3, 2.4))

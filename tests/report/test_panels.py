@@ -14,7 +14,8 @@ from newmark_cli.report.drawing import draw, panels, plot, sheets, traces
 from newmark_cli.report.drawing.panels import Panel, Reference, Sheet, Trace, look
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import of_csv
-from newmark_cli.report.reading.figures import FIGURES
+from newmark_cli.report.reading import words
+from newmark_cli.report.reading.figures import FIGURES, Curve
 from newmark_cli.study import csv_files
 
 H = np.array([1e-4, 1e-3, 1e-2, 1e-1])
@@ -106,7 +107,7 @@ def test_a_trace_as_it_is_drawn():
     assert (single.get_marker(), single.get_linestyle()) == ("*", "None")
     assert texts(drawing.legends[0]) == ["one", "point"]
     assert drawing.legends[0].get_title().get_text().replace("\n", " ") == (
-        "hollow: rounding rules; not joined: cells that did not end well"
+        "hollow: rounding rules; not joined: runs that did not end well"
     )
 
 
@@ -122,6 +123,51 @@ def test_what_is_written_in_a_panel():
     assert {text.get_text() for text in axes.texts} == {"h¹", "2 values are exactly 0"}
     assert texts(drawing.legends[0]) == ["a", "zeros", "the most", "predicted: h¹"]
     assert [len(line.get_xdata()) for line in axes.get_lines()[:2]] == [4, 1]
+
+
+@pytest.mark.parametrize(
+    ("names", "forms", "text"),
+    [
+        (("none", "left", "right", "optimal"), ["u-lambda"],
+         "scaling left: rows D·h²; right: columns λ·h⁻²; optimal: both"),
+        (("none", "left"), ["v-a-lambda"], "scaling left: rows D·h², V·h¹"),
+        (("none", "optimal"), ["v-lambda"],
+         "scaling optimal: rows D·h² and columns v·h⁻¹, λ·h⁻²"),
+        (("none", "left", "right"), ["u-lambda", "a-lambda"],
+         "scaling left: rows by powers of h; right: columns by powers of h"),
+        (("optimal",), ["u-lambda"], ""),
+        (("none", "partial"), ["u-lambda"], ""),
+    ],
+)  # fmt: skip
+def test_what_scalings_scale(names, forms, text):
+    """By the powers of Table 2, where series differ in their scaling."""
+    series = [
+        Curve("", "mine", "hoist", "u", "error", form=form, preconditioning=name)
+        for form in forms
+        for name in names
+    ]
+    assert words.scalings(series) == text
+
+
+def test_an_empty_panel_among_others_has_no_frame():
+    """Its title and its zeros are said, or that it has no values; the others keep theirs."""
+    zeros, nothing = np.zeros(4), np.full(4, np.nan)
+    panels = [
+        Panel((Trace("a", H, y, look(0)),), titles=(name,))
+        for name, y in (("one", H), ("two", zeros), ("three", nothing))
+    ]
+    drawing = draw.drawn(Sheet("", tuple(panels), columns=3))
+    assert [axes.axison for axes in drawing.axes] == [True, False, False]
+    assert [axes.get_title() for axes in drawing.axes] == ["one", "two", "three"]
+    said = [[text.get_text() for text in axes.texts] for axes in drawing.axes]
+    assert said == [[], ["4 values are exactly 0"], ["no values"]]
+
+
+def test_the_handle_of_hollow_points_is_hollow():
+    """A series of limits only is in the legend as it is drawn."""
+    all_apart = trace(0, "limits", apart=np.full(4, True))
+    (handle,) = draw.drawn(Sheet("", (Panel((all_apart,)),))).legends[0].legend_handles
+    assert handle.get_markerfacecolor() == "white"
 
 
 def test_a_panel_without_a_value():
@@ -152,6 +198,13 @@ def test_a_grid_says_once_what_its_panels_share():
     shared = drawing.subfigs[0]
     assert (shared.get_supxlabel(), shared.get_supylabel()) == ("h", "error")
     assert {axes.get_xlabel() + axes.get_ylabel() for axes in drawing.axes} == {""}
+    wide = [
+        Panel((trace(0, "a"),), titles=(row, column)) for row in "uv" for column in ("1", "2", "3")
+    ]
+    turned = draw.drawn(Sheet("", tuple(wide), columns=3), (3.3, None))
+    assert [axes.get_title() for axes in turned.axes] == ["u", "v", "", "", "", ""]
+    beside = [text.get_text() for axes in turned.axes for text in axes.texts]
+    assert beside == ["1", "2", "3"]
     narrow = draw.drawn(sheet, (1.5, None))
     assert [axes.get_title() for axes in narrow.axes] == ["u, one", "u, two", "λ, one", "λ, two"]
 

@@ -11,11 +11,12 @@ from test_show import on_a_terminal
 
 import newmark_cli as newmark
 from newmark_cli.report.drawing import draw
-from newmark_cli.report.drawing.draw_mechanism import mechanism_figure
+from newmark_cli.report.drawing.draw import drawn
+from newmark_cli.report.drawing.draw_mechanism import mechanism_sheet
 from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
-from newmark_cli.report.tables.table import latex, markdown_table
+from newmark_cli.report.tables.table import Report, Table, latex, markdown_table
 from newmark_cli.study.csv_files import csv_text
 from newmark_cli.support.errors import one_line, visible, visible_lines
 
@@ -163,7 +164,7 @@ def test_figures_take_names_as_text(cli):
     cli("plot", "one", "two", "--format", "svg")
     written = cli.folder / "results/figures"
     evil = newmark.problem(EVIL)
-    assert b"input" in rendered(mechanism_figure(TEX, evil, evil.u0), "svg")
+    assert b"input" in rendered(drawn(mechanism_sheet(TEX, evil, evil.u0)), "svg")
     for name in ("one", "two"):
         ElementTree.parse(written / f"figure-{name}.svg")
         assert r"\input" in (written / f"figure-{name}.svg").read_text()
@@ -220,3 +221,21 @@ def test_the_page_shows_names_as_text(cli, committed_folder):
     page = (cli.folder / "results/report.html").read_text()
     assert "<script" not in page
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{7*7}}" in page
+
+
+def test_latex_of_long_and_of_wide_tables():
+    """Long ones go on under their number; letters shrink before columns wrap."""
+    rows = tuple((f"row {i}", "−1.03 ± 0.05*") for i in range(60))
+    long = Report("t", (Table("Orders", ("name", "u_1"), rows),), study="own").written("latex")
+    assert long.count(r"\begin{table}") == long.count(r"\end{table}") == 2
+    assert long.count(r"\label{tab:own-Orders}") == long.count(r"\addtocounter{table}{-1}") == 1
+    assert long.count(r" \tabularnewline") == 60 + 2
+    assert r"\caption{Orders, continued.}" in long
+    assert r"row 7 & $-$1.03~$\pm$~0.05* \tabularnewline" in long
+    for letters, size, columns in (
+        (20, "footnotesize", "llll"), (25, "scriptsize", "llll"), (50, "tiny", "p{"),
+    ):  # fmt: skip
+        row = ("a " * (letters // 2),) * 4
+        text = Report("t", (Table("Wide", row, (row,)),)).written("latex")
+        assert rf"\{size}" in text
+        assert r"\begin{tabular}{@{}" + columns in text

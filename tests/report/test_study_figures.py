@@ -244,7 +244,7 @@ def test_sheet_of_a_single_panel(tmp_path):
     (line,) = panel.references
     assert line.text == "h²"
     assert np.polyfit(np.log(line.x), np.log(line.y), 1)[0] == pytest.approx(2)
-    assert sheet.note == "fitted slope"
+    assert sheet.note == "scaling optimal: rows D·h² and columns λ·h⁻²; fitted slope"
     assert sheet.words == (
         "hoist, (u, λ) form, generalized-α (ρ∞ = 0.9): error of u. "
         "error of u, optimal: slope 2.00 ± 0.01, predicted 2, pass. "
@@ -270,6 +270,23 @@ def test_the_fit_and_its_line_are_about_the_middle(tmp_path):
     assert trace.uncertain.tolist() == [True, False, False, False]
     assert sheets.sheet(figure, given).heading == "fitted slope; bars: rounding"
     assert panel.references[0].x == pytest.approx([1e-4, 1e-2])
+
+
+def test_the_line_stands_above_all_series_of_its_order(tmp_path):
+    """Of two with the same slope, above the larger one, whichever is first."""
+    rows = [
+        *table(integrator=DAMPED),
+        *[one | {"last": 100 * one["last"]} for one in table(integrator="bdf2")],
+    ]
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    (panel,) = sheets.sheet(figure, given).panels
+    (line,) = panel.references
+    assert line.text == "h²"
+    largest = max(panel.traces, key=lambda trace: trace.y[0])
+    ends = np.interp(line.x, largest.x, largest.y)
+    assert (ends < line.y).all()
+    assert (line.y < 10 * ends).all()
 
 
 def test_panels_of_one_quantity_share_their_ordinate(tmp_path):
@@ -301,7 +318,7 @@ def test_cells_that_did_not_end_well_stand_apart(tmp_path):
     sheet = sheets.sheet(figure, given)
     (trace,) = sheet.panels[0].traces
     assert trace.apart.tolist() == [False, False, True, False]
-    assert sheet.heading == "fitted slope; not joined: cells that did not end well"
+    assert sheet.heading == "fitted slope; not joined: runs that did not end well"
 
 
 def test_work_precision_matches_cells_to_rows(tmp_path):
@@ -657,7 +674,13 @@ def test_tables_of_ones_own(mine):
     printed = mine("tables", "mine", "--rows", "preconditioning", "--columns", "quantity",
                    "--format", "latex").stdout  # fmt: skip
     assert printed.count(r"\begin{tabular}{@{}ll@{}}") == 2
-    assert r"    none & 2: 2.00 $\pm$ 0.01 \tabularnewline" in printed
+    assert r"    none & 2: 2.00~$\pm$~0.01 \tabularnewline" in printed
+    assert r"\label{tab:mine-error}" in printed
+    # Alternatives stand in one table, each under its name.
+    printed = mine("tables", "mine", "--rows", "quantity", "--columns", "measure",
+                   "--format", "latex").stdout  # fmt: skip
+    assert printed.count(r"\begin{table}") == 1
+    assert r"    \multicolumn{3}{l}{\itshape optimal} \tabularnewline" in printed
     markdown = mine("tables", "mine", "--columns", "measure,quantity", "--values", "slope").stdout
     assert "| preconditioning | error, u | condition, C |" in markdown
     assert "| optimal | 2.00 | −4.00" in markdown

@@ -135,7 +135,7 @@ def _arranged(
         if title is None:
             title = _title(where, grid[0][1][0], (*series, *panels), kind, titles)
         elif title and apart:
-            title += ": " + ", ".join(value_text(*pair) for pair in apart.items())
+            title += ": " + ", ".join(label_of(definition, *pair) for pair in apart.items())
         told = _told_apart(
             series, definition, [slope for _, of_panel in grid for slope in of_panel]
         )

@@ -20,14 +20,17 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain, power
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain
 from newmark_cli.report.drawing.style import NONE, checked, settled
+from newmark_cli.report.reading.words import power
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError
 
-#: Least width of a panel with its labels, of one whose ordinate is that of its row, and least sides
-#: of its axes (inch).
-_NARROW, _NARROW_IN_ROW, _LEAST = 1.5, 0.8, 0.4
+#: Least width of a panel with its labels (inch), and of one whose ordinate is that of its row: one
+#: that is easy to read, and one where there is no other layout.
+_NARROW, _WIDE_IN_ROW, _NARROW_IN_ROW = 1.5, 1.2, 0.8
+#: Least width and height of axes (inch): on lower ones no slope can be read.
+_LEAST = 0.4, 0.75
 #: What a legend or a title may take of the sheet's width: files of more dots have wider letters.
 _MOST = 0.94
 
@@ -38,9 +41,8 @@ def drawn(
     """Draw a sheet, as tall as that takes where a size (inch) has no height."""
     width, height = size or (sheet.width, None)
     with settled(checked(sheet.settings), settings):
-        columns = _columns(sheet, width)
-        sheet = replace(sheet, columns=columns)
-        rows = -(-len(sheet.panels) // columns)
+        sheet = _arranged(sheet, width)
+        columns, rows = sheet.columns, -(-len(sheet.panels) // sheet.columns)
         drawing = Figure(figsize=(width, height or 1 + 3 * rows), layout="constrained")
         FigureCanvasAgg(drawing)  # keeps its renderer, which measuring a text would make anew
         # Of a figure with a legend below it labels that panels share would stand in the legend.
@@ -61,8 +63,11 @@ def drawn(
             if sheet.grid:
                 axes.grid(color="0.92", linewidth=0.5)
                 axes.set_axisbelow(True)
+        some = any(panel.scene or not panel.empty for panel in sheet.panels)
         for place, axes in enumerate(grid):
             _name_ticks(axes, place, sheet)
+            if some and sheet.panels[place].empty and not sheet.panels[place].scene:
+                axes.set_axis_off()  # its words say why
         if sheet.title:
             title = drawing.suptitle("")
             title.set_text(_wrapped(title, plain(sheet.title), _MOST * drawing.bbox.width))
@@ -87,14 +92,27 @@ def drawn(
     return drawing
 
 
-def _columns(sheet: Sheet, width: float) -> int:
-    """Panels side by side: as many as there is room for, without a gap in a small grid."""
-    if sheet.columns * _NARROW_IN_ROW <= width and _is_grid(sheet):
-        firsts = (sheet.panels[i - i % sheet.columns] for i in range(len(sheet.panels)))
-        if all(map(_same_ordinate, sheet.panels, firsts)):
-            return sheet.columns
-    count, most = len(sheet.panels), max(1, min(sheet.columns, int(width / _NARROW)))
-    return most if most == sheet.columns or count > 4 or count % most == 0 else 1
+def _arranged(sheet: Sheet, width: float) -> Sheet:
+    """The sheet with as many panels side by side as there is room for, without a gap."""
+    columns, count = sheet.columns, len(sheet.panels)
+    if _is_grid(sheet):
+        firsts = (sheet.panels[i - i % columns] for i in range(count))
+        alike = all(map(_same_ordinate, sheet.panels, firsts))
+        if alike and columns * _WIDE_IN_ROW <= width:
+            return sheet
+        rows = count // columns
+        if rows < columns and rows * _NARROW <= width:
+            turned = (
+                replace(panel, titles=panel.titles[::-1])
+                for column in range(columns)
+                for panel in sheet.panels[column::columns]
+            )
+            return replace(sheet, panels=tuple(turned), columns=rows)
+        if alike and columns * _NARROW_IN_ROW <= width:
+            return sheet
+    most = max(1, min(columns, int(width / _NARROW)))
+    fits = most == columns or count > 4 or count % most == 0
+    return replace(sheet, columns=most if fits else 1)
 
 
 # -- what is inside a panel ---------------------------------------------------------------------
@@ -169,7 +187,8 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
 
     handle = points(joined, look.linestyle if joined.sum() > 1 else "none", look.color)
     if hollow.any():
-        points(hollow, "none", "white")
+        hollow_points = points(hollow, "none", "white")
+        return handle if joined.any() else hollow_points
     return handle
 
 
@@ -249,7 +268,7 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
         entry.set_text(_wrapped(entry, entry.get_text(), room))
     if sheet.heading:
         legend.set_title(" ")
-        legend.set_title(_wrapped(legend.get_title(), sheet.heading, most))
+        legend.set_title(_wrapped(legend.get_title(), sheet.heading, 0.95 * most))
 
 
 def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[tuple[str, Any]]]:
@@ -271,7 +290,9 @@ def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[t
 
 
 #: Settings of a legend of several groups.
-_DENSE: Any = {"handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8}
+_DENSE: Any = {
+    "handlelength": 2.0, "handletextpad": 0.4, "columnspacing": 0.8, "labelspacing": 0.2,
+}  # fmt: skip
 #: What an entry without a line or marker has for a handle.
 _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 
@@ -304,7 +325,8 @@ def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float |
         else:
             engine.execute(drawing)
             boxes = [axes.get_window_extent() for axes in grid]
-    if any(min(box.width, box.height) < _LEAST * drawing.dpi for box in boxes):
+    least_width, least_height = (side * drawing.dpi for side in _LEAST)
+    if any(box.width < least_width or box.height < least_height for box in boxes):
         raise UserWarning
     # With the engine "none" matplotlib would draw every file twice.
     with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
@@ -354,35 +376,44 @@ def _write_titles(axes: Any, sheet: Sheet, place: int, tall: float) -> None:
         beside = panel.titles[0] if last else ""
     above, (fits, short) = 0.0, _fits(panel)
     if fits:
+        where, side = ((0.5, 0.5), "center") if panel.empty else ((0.5, 1), "bottom")
         text = axes.annotate(
-            "", (0.5, 1), xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
-            ha="center", va="bottom", fontsize=size, color="0.3", label="title",
+            "", where, xycoords="axes fraction", xytext=(0, 3), textcoords="offset points",
+            ha="center", va=side, fontsize=size, color="0.3", label="title",
         )  # fmt: skip
-        lines = _wrapped(text, ", ".join(fits), width)
+        # Labels may have commas of their own.
+        between = "; " if any(", " in fit for fit in fits) else ", "
+        lines = _wrapped(text, between.join(fits), width)
         if lines.count("\n") > 1:  # names take too much room
             lines = _wrapped(text, ", ".join(short), width)
         text.set_text(lines)
-        above = text.get_window_extent().height * 72 / axes.figure.dpi
+        above = 0.0 if panel.empty else text.get_window_extent().height * 72 / axes.figure.dpi
     axes.set_title(" ", pad=4 + above + (3 if above else 0))
     axes.title.set_text(_wrapped(axes.title, plain(title), width))
     if beside:
         text = axes.annotate(
             "", (1, 0.5), xycoords="axes fraction", xytext=(4, 0), textcoords="offset points",
-            ha="left", va="center", rotation=270, label="title",
+            ha="left", va="center", rotation=270 if len(beside) > 2 else 0, label="title",
             fontsize=mpl.rcParams["axes.titlesize"],
         )  # fmt: skip
         text.set_text(_wrapped(text, plain(beside), tall))
 
 
 def _fits(panel: Panel) -> tuple[list[str], list[str]]:
-    """Fitted slopes of a panel with a title, and its number of zeros: with labels, and in short."""
+    """Fitted slopes of a panel with a title, and its number of zeros, in full and in short.
+
+    In full slopes have labels and standard errors.
+    """
     fitted = [t for t in panel.traces if t.fit and panel.titles]
-    fits = [f"{plain(t.label)} {t.fit.replace(' ', _FIXED)}" for t in fitted]
-    short = [t.fit.replace(" ", _FIXED) or "–" for t in panel.traces if fitted]
+    fits = [f"{plain(t.label)}{_FIXED}{t.fit.replace(' ', _FIXED)}" for t in fitted]
+    bare = (re.sub(r" ± [0-9.]+", "", trace.fit) for trace in panel.traces)
+    short = [fit.replace(" ", _FIXED) or "–" for fit in bare if fitted]
     zeros = sum(trace.zeros for trace in panel.traces)
     if zeros and panel.tell_zeros and panel.y_scale == "log":
         fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
         short.append(f"{zeros} zeros")
+    elif panel.empty and not panel.scene:
+        fits.append("no values")
     return fits, short
 
 
@@ -401,8 +432,8 @@ def _is_grid(sheet: Sheet) -> bool:
     )
 
 
-#: What a line is not broken in: a word, or mathematics; and a space at which it is not.
-_WORD, _FIXED = re.compile(r"(?:(?<!\\)\$[^$]*\$|[^ \n])+"), "\u00a0"
+#: What a line is not broken in: a word, mathematics, or a relation; and a space at which it is not.
+_WORD, _FIXED = re.compile(r"(?:(?<!\\)\$[^$]*\$| [=≤≥×±] |[^ \n])+"), "\u00a0"
 #: Where mathematics begins or ends; a dollar sign of a text has a backslash.
 _DOLLAR = re.compile(r"(?<!\\)\$")
 
@@ -445,6 +476,7 @@ def _write_orders(axes: Any, panel: Panel) -> None:
     lines = [line for line in panel.references if line.text]
     taken = [_pixels(axes, line) for line in axes.get_lines()] if lines else []
     inside = axes.get_window_extent()
+    low, high = inside.min + 6, inside.max - 6  # past the ticks in the frame
     for line in lines:
         text = axes.text(
             0, 0, line.text, ha="center", va="center", style="italic", fontsize=7, color="0.35"
@@ -455,9 +487,7 @@ def _write_orders(axes: Any, panel: Panel) -> None:
         obstacles = np.concatenate(taken)
         for place in _places(axes.transData.transform(np.column_stack([line.x, line.y])), half):
             near = np.all(np.abs(obstacles - place) < half + 3, axis=1)
-            if not near.any() and np.all(
-                (place - half > inside.min + 3) & (place + half < inside.max - 3)
-            ):
+            if not near.any() and np.all((place - half > low) & (place + half < high)):
                 text.set_position(axes.transData.inverted().transform(place))
                 taken.append(place + half * np.array([[-1, 0], [0, 0], [1, 0]]))
                 break

@@ -16,7 +16,6 @@ from matplotlib.patheffects import withStroke
 from PIL import Image
 
 from newmark_cli.problems.problem import Problem
-from newmark_cli.report.drawing.draw import drawn
 from newmark_cli.report.drawing.panels import WIDTH, Panel, Sheet, plain
 from newmark_cli.report.drawing.sketch import Mark, Scene, is_spatial, marks, scene
 from newmark_cli.report.drawing.style import settled
@@ -108,11 +107,6 @@ def mechanism_sheet(
     labels = _axis_labels(problem)
     panel = Panel((), *labels, x_scale="linear", y_scale="linear", scene=scene)
     return Sheet(title, (panel,), grid=False, settings={**_WITHOUT_TICKS, **_KEY})
-
-
-def mechanism_figure(title: str, problem: Problem, u: Array) -> Figure:
-    """The same, drawn."""
-    return drawn(mechanism_sheet(title, problem, u))
 
 
 def _length_unit(problem: Problem) -> tuple[float, str]:

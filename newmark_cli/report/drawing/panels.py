@@ -27,7 +27,7 @@ _VISIBLE = 0.1
 _SIGNS: Mapping[str, Callable[["Trace"], Mask]] = {
     "bars: rounding": lambda trace: trace.uncertain,
     "hollow: rounding rules": lambda trace: trace.ruled,
-    "not joined: cells that did not end well": lambda trace: trace.apart,
+    "not joined: runs that did not end well": lambda trace: trace.apart,
 }
 
 #: How an axis counts.
@@ -242,11 +242,3 @@ def plain(text: str) -> str:
     """A text without mathematics: a name that somebody gave may have dollar signs, or worse."""
     shown = visible(text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…")
     return shown.replace("$", r"\$")
-
-
-_SUPERSCRIPTS = str.maketrans("−-.0123456789", "⁻⁻·⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def power(base: str, exponent: str) -> str:
-    """A power as plain text, which is drawn much faster than mathematics."""
-    return base + exponent.translate(_SUPERSCRIPTS)

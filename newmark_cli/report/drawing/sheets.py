@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.report.drawing import traces
-from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain, power
+from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
 from newmark_cli.report.reading.history import Recorded, read_recorded
-from newmark_cli.report.reading.words import quantity
+from newmark_cli.report.reading.words import power, quantity, scalings
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.support.errors import InputError, ResultsError
@@ -186,8 +186,9 @@ def _orders(figure: Figure, results: Results) -> Sheet:
         note = "fitted slope" if len(panels) == 1 else several
     # Of several problems each has its own range of step sizes.
     share_x = len({curve.problem for curve in figure.curves}) == 1
+    notes = filter(None, (plain(figure.note), scalings(figure.curves), note))
     return Sheet(
-        figure.title, tuple(panels), figure.columns, plain(figure.note) or note, share_x,
+        figure.title, tuple(panels), figure.columns, "; ".join(notes), share_x,
         settings=figure.style,
     )  # fmt: skip
 
@@ -259,7 +260,7 @@ def _history(figure: Figure, results: Results) -> Sheet:
     largest = np.max(np.abs(histories[-1].values), axis=0)
     component = int(np.argmax(np.where(reaction, largest, -1.0)))
     name = histories[-1].names[component]
-    of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name}"
+    of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name.removeprefix('bodies.')}"
     series = tuple(
         Trace(
             curve.label,

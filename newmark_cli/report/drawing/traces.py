@@ -12,23 +12,20 @@ from newmark_cli.report.drawing.panels import (
     Reference,
     Trace,
     from_zero,
-    power,
     spread,
 )
 from newmark_cli.report.judging.fits import format_fit, format_order
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import MISS, PASS, RULED, SHOWN
-from newmark_cli.report.reading.words import quantity
+from newmark_cli.report.reading.words import power, quantity
 from newmark_cli.study.axes import value_text
+from newmark_cli.study.measures import is_dimensionless
 from newmark_cli.support.arrays import Mask
-
-#: Problems of unit mass, length and gravity; all others are in SI units.
-_WITHOUT_UNITS = ("pendulum", "chain")
 
 
 def step_label(problem: str) -> str:
-    """Label of the abscissa of a problem: the step size, and its unit where it has one."""
-    return "step size $h$" + ("" if problem.partition("(")[0] in _WITHOUT_UNITS else " (s)")
+    """Label of the abscissa of a problem: the step size, and its unit."""
+    return f"step size $h$ ({'dimensionless' if is_dimensionless(problem) else 's'})"
 
 
 def fit_text(slope: Slope) -> str:
@@ -96,30 +93,30 @@ def panel(
 
 
 def predicted(slopes: Sequence[Slope], limits: tuple[float, float]) -> tuple[Reference, ...]:
-    """A line for each distinct predicted slope, parallel to the first series that has it.
+    """A line for each distinct predicted slope, above all judged series that have it.
 
-    It stands at the points that were fitted, or of a series that was not judged at those that
-    rounding does not rule.
+    It stands at the points that were fitted, or where no series was judged at those that rounding
+    does not rule.
     """
-    drawn: dict[float, Reference] = {}
+    drawn: dict[float, tuple[tuple[bool, float], Reference]] = {}
     low, high = np.log10(limits)
     shift = 0.045 * (high - low)
-    for slope in sorted(slopes, key=lambda slope: not _judged(slope)):
+    for slope in slopes:
         usable = slope.fitted if _judged(slope) else ~ruled(slope)
         with np.errstate(invalid="ignore"):
             shown = np.logical_and(usable, np.isfinite(slope.values) & (slope.values > 0))
         shown &= np.isin(np.array(slope.statuses, str), slope.record.ok)
-        if math.isnan(slope.expected) or slope.expected in drawn:
-            continue
-        if len(set(slope.h[shown])) < 2:
+        if math.isnan(slope.expected) or len(set(slope.h[shown])) < 2:
             continue
         log_h, log_y = np.log10(slope.h[shown]), np.log10(slope.values[shown])
         ends = np.array([log_h.min(), log_h.max()])
-        # Above the data, not under them.
-        line = log_y.mean() + slope.expected * (ends - log_h.mean()) + shift
-        order = power("h", format_order(slope.expected))
-        drawn[slope.expected] = Reference(10**ends, 10**line, order)
-    return tuple(drawn.values())
+        at_1 = float(log_y.mean() - slope.expected * log_h.mean())
+        rank = _judged(slope), at_1
+        if slope.expected not in drawn or rank > drawn[slope.expected][0]:
+            line = at_1 + slope.expected * ends + shift
+            order = power("h", format_order(slope.expected))
+            drawn[slope.expected] = rank, Reference(10**ends, 10**line, order)
+    return tuple(line for _, line in drawn.values())
 
 
 def in_words(name: str, slope: Slope) -> str:

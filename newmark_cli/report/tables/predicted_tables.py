@@ -17,6 +17,7 @@ from newmark_cli.newmark.orders import form_orders
 from newmark_cli.newmark.scaling import BY_SENSITIVITY, TABLE_2, VARIANTS, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
 from newmark_cli.report.judging.fits import format_order
+from newmark_cli.report.reading.words import power
 from newmark_cli.report.tables.table import MISSING, Report, Table, pivoted
 from newmark_cli.study.axes import value_text
 from newmark_cli.study.measures import symbol
@@ -117,5 +118,4 @@ def factor_text(factor: str | None) -> str:
         return MISSING
     text = str(Monomial.parse(factor)).replace("*", "")
     text = text.replace("beta", "β").replace("gamma", "γ")
-    powers = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-    return re.sub(r"\^(\d+)", lambda match: match[1].translate(powers), text)
+    return re.sub(r"\^(\d+)", lambda match: power("", match[1]), text)

@@ -16,7 +16,7 @@ from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import grouped, select
-from newmark_cli.report.reading.words import joined_values
+from newmark_cli.report.reading.words import joined_values, scalings
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
 from newmark_cli.study.axes import SeriesKey, is_among, value_text
 from newmark_cli.study.csv_rows import listed
@@ -109,15 +109,17 @@ def report(
     if FAILED in layout.shown:
         ours = [slope for slope in _with_failed(ours, layout, record or {}) if keeps(slope)]
     titled = groups(ours, layout)
+    study = ours[0].study if ours else ""
     name = f"table-{layout.table}" if layout.table else "table"
     legend = _legend(layout, [slope for _, placed in titled for _, slope in placed])
     if layout.across:
-        tables = [_cross(title, placed, layout) for title, placed in titled]
-        return Report(name, tuple(tables), legend)
+        of = layout.title or study
+        tables = [replace(_cross(title, placed, layout), of=of) for title, placed in titled]
+        return Report(name, tuple(tables), legend, study=study)
     tables = [_list(title, placed, layout) for title, placed in titled]
     rows = [_record(slope, layout) for _, placed in titled for _, slope in placed]
     columns = (*(layout.rows or ("study", *TABULATED)), *layout.shown)
-    return Report(name, tuple(tables), legend, rows, columns)
+    return Report(name, tuple(tables), legend, rows, columns, study)
 
 
 def _with_failed(
@@ -262,6 +264,9 @@ def _legend(layout: TableConfig, slopes: Sequence[Slope]) -> tuple[tuple[str, st
         legend = [(name, f"{VALUES[name]}.") for name in layout.shown]
     else:
         legend = [("", f"Entries: {': '.join(VALUES[name] for name in layout.shown)}.")]
+    compared = {*(layout.rows or ()), *(layout.columns or ())}
+    if (said := scalings(slopes)) and ("preconditioning" in compared or not layout.across):
+        legend.append(("", f"S{said[1:]}."))
     marks = {_marks(slope) for slope in slopes if "fitted" in layout.shown}
     if any("*" in mark for mark in marks):
         legend.append(("", "* marks what is eliminated and recovered from the other unknowns."))

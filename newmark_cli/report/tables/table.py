@@ -10,10 +10,15 @@ from newmark_cli.report.judging.text import fitted, latex_text, markdown, text_t
 from newmark_cli.study import csv_files
 from newmark_cli.support import files
 
-#: Letters in a line of a page in LaTeX; columns of longer tables wrap.
-_LINE = 100
+#: Size of letters in LaTeX, how many of them the text of an article has in a line, and how many a
+#: table may have: wide ones stand out into both margins, and columns of wider ones wrap.
+_SIZES = (("footnotesize", 80, 90), ("scriptsize", 90, 118), ("tiny", 86, 140))
+#: Lines of a table on a page.
+_PAGE = 45
 #: What LaTeX writes itself.
 _NUMBER = re.compile(r"^Table \d+: ")
+#: Words of a label in LaTeX.
+_SLUG = re.compile(r"\w+", re.ASCII)
 #: What there is no entry of.
 MISSING = "–"
 #: What ends an entry that is not as predicted, and what says so.
@@ -28,6 +33,14 @@ class Table:
     headings: tuple[str, ...]  #: of the columns
     rows: tuple[tuple[str, ...], ...]  #: an entry for each column
     explained: bool = True  #: whether the legend is about it
+    of: str = ""  #: title that it shares with alternatives; its own has theirs in parentheses
+
+    @property
+    def part(self) -> str:
+        """Which of several alternatives it is; empty where there are no others."""
+        if self.title.startswith(f"{self.of} ("):
+            return self.title[len(self.of) + 2 : -1]
+        return self.title if self.of not in ("", self.title) else ""
 
     @property
     def lines(self) -> list[tuple[str, ...]]:
@@ -79,42 +92,66 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + " --- |" * len(rows[0]), *lines[1:]])
 
 
-def _latex(table: Table, label: str, legend: Legend) -> str:
-    ours = [line for line in legend if not line[0] or line[0] in table.headings]
-    title = _NUMBER.sub("", table.title)
-    caption = [f"{title[:1].upper()}{title[1:]}.", *_sentences(ours if table.explained else ())]
-    narrow, wide = fitted(table.lines, _LINE), fitted(table.lines, 10 * _LINE)
-    wraps = [width < most for width, most in zip(narrow, wide, strict=True)]
+def _latex(tables: Sequence[Table], title: str, label: str, legend: Legend) -> str:
+    """A table of alternatives, each under a line that says which, on as many pages as it takes."""
+    headings = tables[0].headings
+    # What stays in one line: a formula, and a number with its error.
+    bound = [
+        [e.replace(" ", "_") if _FORMULA.fullmatch(e) else e.replace(" ± ", "_±_") for e in row]
+        for row in (headings, *(row for table in tables for row in table.rows))
+    ]
+    natural = [max(map(len, column)) for column in zip(*bound, strict=True)]
+    fits = [(size, letters, fitted(bound, room)) for size, letters, room in _SIZES]
+    size, letters, widths = next((fit for fit in fits if fit[2] == natural), fits[-1])
+    wraps = [width < most for width, most in zip(widths, natural, strict=True)]
     columns = "".join(
-        rf"p{{{width / _LINE:.2f}\linewidth}}" if wrap else "l"
-        for width, wrap in zip(narrow, wraps, strict=True)
+        rf"p{{{width / letters:.3f}\linewidth}}" if wrap else "l"
+        for width, wrap in zip(widths, wraps, strict=True)
     )
 
     def row(entries: Iterable[str]) -> str:
         ragged = (
-            r"\raggedright " * wrap + latex(e) for e, wrap in zip(entries, wraps, strict=True)
+            r"\raggedright\hspace{0pt}" * wrap + latex(entry)
+            for entry, wrap in zip(entries, wraps, strict=True)
         )
         return "    " + " & ".join(ragged) + r" \tabularnewline"
 
-    return "\n".join(
-        [
+    pages: list[list[str]] = [[]]
+    room = _PAGE
+    for table in tables:
+        if len(tables) > 1:
+            which = rf"\multicolumn{{{len(headings)}}}{{l}}{{\itshape {latex(table.part)}}}"
+            pages[-1] += [r"    \hline"] * bool(pages[-1]) + [rf"    {which} \tabularnewline"]
+            room -= 1
+        for entries in table.rows:
+            room -= max(-(-len(e) // width) for e, width in zip(entries, widths, strict=True))
+            if room < 0:
+                pages.append([])
+                room = _PAGE
+            pages[-1].append(row(entries))
+    title = f"{title[:1].upper()}{title[1:]}"
+    ours = [line for line in legend if not line[0] or line[0] in headings]
+    caption = " ".join([f"{title}.", *_sentences(ours if tables[0].explained else ())])
+    above = [rf"  \caption{{{latex(caption)}}}", rf"  \label{{tab:{label}}}"]
+    lines = []
+    for page in pages:
+        lines += [
             r"\begin{table}",
-            r"  \centering",
-            rf"  \caption{{{latex(' '.join(caption))}}}",
-            rf"  \label{{tab:{label}}}",
-            r"  \footnotesize",
-            r"  \setlength{\tabcolsep}{4pt}\smallskip",
-            rf"  \begin{{tabular}}{{@{{}}{columns}@{{}}}}",
+            *above,
+            rf"  \{size}",
+            r"  \setlength{\tabcolsep}{3pt}\smallskip",
+            rf"  \makebox[\linewidth]{{\begin{{tabular}}{{@{{}}{columns}@{{}}}}",
             r"    \hline",
-            row(table.headings),
+            row(headings),
             r"    \hline",
-            *map(row, table.rows),
+            *page,
             r"    \hline",
-            r"  \end{tabular}",
+            r"  \end{tabular}}",
             r"\end{table}",
             "",
         ]
-    )
+        above = [r"  \addtocounter{table}{-1}", rf"  \caption{{{latex(title)}, continued.}}"]
+    return "\n".join(lines)
 
 
 #: Symbols of entries in math mode.
@@ -122,7 +159,8 @@ _SYMBOLS = {
     "α": r"\alpha ", "β": r"\beta ", "γ": r"\gamma ", "η": r"\eta ", "λ": r"\lambda ",
     "ρ": r"\rho ", "ω": r"\omega ", "κ": r"\kappa ", "Φ": r"\Phi ", "Δ": r"\Delta ",
     "∂": r"\partial ", "∞": r"_\infty ", "−": "-", "±": r"\pm ", "≥": r"\ge ", "→": r"\to ",
-    "ᵀ": "^T", "₀": "_0", "′": "'", "×": r"\times ", "‖": r"\|", "ε": r"\varepsilon ",
+    "ᵀ": "^T", "₀": "_0", "′": "'", "×": r"\times ", "·": r"\cdot ", "‖": r"\|",
+    "ε": r"\varepsilon ",
 }  # fmt: skip
 _POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 _MATH = re.compile("([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)|([" + "".join(_SYMBOLS) + "])")
@@ -144,7 +182,8 @@ def latex(text: str) -> str:
 
     if _FORMULA.fullmatch(text):
         return f"${_MATH.sub(math, text)}$"
-    text = _MATH.sub(lambda match: f"${math(match).strip()}$", latex_text(text))
+    text = re.sub(r"(?<=\d) ± (?=\d)", "~±~", latex_text(text))
+    text = _MATH.sub(lambda match: f"${math(match).strip()}$", text)
     return re.sub(r"(?<!\\)\$\$", "", text).replace("–", "--").replace("…", r"\dots{}")
 
 
@@ -158,6 +197,7 @@ class Report:
     #: Rows of a CSV with numbers, for programs; those of the tables when omitted.
     records: Sequence[Record] = ()
     columns: tuple[str, ...] = ()  #: columns of the records
+    study: str = ""  #: study that they are of
 
     def written(self, form: str) -> str:
         """Them as text for a terminal, ``markdown``, ``latex``, or ``csv``."""
@@ -194,12 +234,23 @@ class Report:
         return "\n".join([*parts, ""])
 
     def _latex(self) -> str:
-        """As a journal takes them, without any package; the legend is the last caption's."""
-        titles = [_NUMBER.sub("", table.title) for table in self.tables]
-        labels = [re.sub(r"\W+", "-", title, flags=re.ASCII).strip("-") for title in titles]
+        """As a journal takes them, without any package: alternatives in one table."""
+        groups: dict[tuple[str, tuple[str, ...]], list[Table]] = {}
+        for table in self.tables:
+            groups.setdefault((table.of or table.title, table.headings), []).append(table)
+        titled = []
+        for (of, _), tables in groups.items():
+            title = of if len(tables) > 1 else tables[0].title
+            if of == self.study != title:
+                title = f"{of}, {title}"
+            titled.append((_NUMBER.sub("", title), tables))
+        labels = [
+            "-".join((self.study or self.name, *_SLUG.findall(title.removeprefix(self.study))))
+            for title, _ in titled
+        ]
         return "\n".join(
-            _latex(table, f"{label}-{i}" if labels.count(label) > 1 else label, self.legend)
-            for i, (table, label) in enumerate(zip(self.tables, labels, strict=True), 1)
+            _latex(tables, title, f"{label}-{i}" if labels.count(label) > 1 else label, self.legend)
+            for i, (label, (title, tables)) in enumerate(zip(labels, titled, strict=True), 1)
         )
 
     def _csv(self) -> str:

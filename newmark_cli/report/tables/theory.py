@@ -11,7 +11,7 @@ from newmark_cli.newmark.integrator import FIELDS
 from newmark_cli.newmark.orders import FormOrders, derive_scaling, form_orders
 from newmark_cli.newmark.scaling import Preconditioning, named_scaling
 from newmark_cli.newmark.scheme import COMPENSATED, DIRECT
-from newmark_cli.report.drawing.panels import power
+from newmark_cli.report.reading.words import power
 from newmark_cli.study.measures import symbol
 from newmark_cli.support.arrays import Array
 
