@@ -329,8 +329,8 @@ def few_draws(monkeypatch):
     """Rounding is drawn less often, for what compares no number with what rounding does."""
     from newmark_cli.advice import linearised
 
-    monkeypatch.setattr(linearised, "_SAMPLES", 2)
-    monkeypatch.setattr(linearised, "_ROUGHLY", 1)
+    for name, value in (("SAMPLES", 2), ("ROUGHLY", 1), ("STATES", 3), ("STEPS_BETWEEN", 200)):
+        monkeypatch.setattr(linearised, f"_{name}", value)
 
 
 @pytest.fixture(scope="session")

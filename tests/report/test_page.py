@@ -157,13 +157,19 @@ def test_times_are_those_of_the_runs(text):
 
 
 def test_a_single_small_study(cli):
-    """With figures of its own, without tables or Andrews' mechanism; in an empty folder."""
+    """With figures of its own, without tables or Andrews' mechanism; in an empty folder.
+
+    What it expects stands next to the slopes, and in the sentence above them.
+    """
     text = QUICK.replace("form: u-lambda", "form: [u-lambda, v-lambda]\nmeasure: condition")
-    cli.write("quick.yaml", text)
+    expected = "{measure: condition, form: u-lambda, preconditioning: none, at_most: 1}"
+    cli.write("quick.yaml", f"{text}expect: [{expected}]\n")
     cli("run", "quick.yaml")
     assert cli("report", "--output", "page.html").stdout == "page.html\n"
     page = cli.folder / "page.html"
     read = Reader(page.read_text())
+    for told in ("Expectations of the studies", "0 of 1 expectations hold", '<p class="miss">'):
+        assert told in page.read_text()
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
     assert [label.partition(":")[0] for label in labels] == [
         "pendulum, (u, λ) form", "pendulum, (v, λ) form"
