@@ -111,13 +111,9 @@ def pytest_xdist_setupnodes(config):
 
 
 @pytest.fixture
-def scheduler(tmp_path, request):
-    """A scheduler on loopback, its address, and a function that starts workers.
-
-    The parameter is how long it waits for workers.
-    """
-    patience = getattr(request, "param", "120s")
-    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
+def scheduler(tmp_path):
+    """A scheduler on loopback, its address, and a function that starts workers."""
+    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": "120s"}
     # Elsewhere, so that nothing is found by its path.
     away = tmp_path / "away"
     away.mkdir()
