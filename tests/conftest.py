@@ -289,31 +289,6 @@ def require_ended(run, ending, errors, kept, cells):
     assert run.returncode == 128 + ending
 
 
-def require_interrupts_taken(cli, moments, where, *options):
-    """Signals for all processes of a run of a cell that hangs.
-
-    Args:
-        cli: The command line.
-        moments: (seconds after the run's first line, or None for when it hangs, signal) pairs.
-        where: That line.
-        options: Of the run.
-    """
-    write_swings(cli, "hang")
-    for delay, ending in moments:
-        run = cli.start(
-            "run", "swings.yaml", "--allow-code", "-v", *options, start_new_session=True
-        )
-        assert run.stderr.readline() == where
-        if delay is None:
-            wait_until((cli.folder / "hangs").exists)
-        else:
-            time.sleep(delay)
-        os.killpg(run.pid, ending)
-        _, errors = run.communicate(timeout=60)
-        assert len(errors.splitlines()) == 1, errors
-        require_ended(run, ending, errors, 0, 1)
-
-
 @pytest.fixture
 def quick(cli):
     """A small valid config in the folder of ``cli``."""

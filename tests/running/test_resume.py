@@ -18,7 +18,6 @@ from conftest import (
     CommandLine,
     require_ended,
     require_failed_alone,
-    require_interrupts_taken,
     wait_for_cells,
     wait_until,
     write_swings,
@@ -345,7 +344,14 @@ def test_workers_end_with_their_run(cli):
 
 def test_interrupts_are_for_the_run(cli):
     """Signals go to all processes of a terminal; the run answers, in one line."""
-    require_interrupts_taken(cli, [(None, signal.SIGTERM)], "1 cell on 1 process\n")
+    write_swings(cli, "hang")
+    run = cli.start("run", "swings.yaml", "--allow-code", "-v", start_new_session=True)
+    assert run.stderr.readline() == "1 cell on 1 process\n"
+    wait_until((cli.folder / "hangs").exists)
+    os.killpg(run.pid, signal.SIGTERM)
+    _, errors = run.communicate(timeout=60)
+    assert len(errors.splitlines()) == 1, errors
+    require_ended(run, signal.SIGTERM, errors, 0, 1)
 
 
 def test_a_terminal_shows_progress(cli, quick):
