@@ -424,7 +424,7 @@ def test_single_precision_is_told_by_nine_digits():
 
 
 def test_rows_of_the_next_step_are_no_other_start():
-    table = cart(rows=range(41))
+    table = cart(rows=range(321))
     state = [name for name in table if name[0] in "uvl"]
     table[state] = table.groupby("h")[state].shift(-1)
     (fault,) = judged(table.dropna(), CART, **BDF2).faults
