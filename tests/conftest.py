@@ -47,6 +47,7 @@ os.fsync = lambda descriptor: None
 #: A busy machine says nothing about the code.
 UNTIMED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("project", derandomize="CI" in os.environ, **UNTIMED)
+settings.register_profile("release", max_examples=3_000, **UNTIMED)
 settings.register_profile("fuzz", max_examples=20_000, **UNTIMED)
 settings.load_profile("project")
 
