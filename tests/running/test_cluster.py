@@ -10,7 +10,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from command_line import CommandLine
 from conftest import (
     SWING,
     require_ended,
@@ -43,15 +42,6 @@ gravity: [0, -9.81]
 """
 
 
-@pytest.fixture(scope="module")
-def threaded(tmp_path_factory):
-    """The study's CSV from threads."""
-    cli = CommandLine(tmp_path_factory.mktemp("threads"))
-    write(cli)
-    cli("run", "spread.yaml")
-    return (cli.folder / "results/spread.csv").read_bytes()
-
-
 def write(cli):
     """Write the study and its mechanism."""
     cli.write("mine.yaml", MINE)
@@ -74,13 +64,15 @@ def running(cli, address, results, *options):
     return cli.start("run", "spread.yaml", *where, *options)
 
 
-def test_workers_may_come_late_and_all_may_be_lost(cli, threaded, scheduler):
+def test_workers_may_come_late_and_all_may_be_lost(cli, scheduler):
     """The run says that it waits; two come and one is killed: the same bytes as from threads.
 
     A scheduler that is killed ends the next run in one line; what is finished is kept.
     """
     main, address, workers = scheduler
     write(cli)
+    cli("run", "spread.yaml")
+    threaded = (cli.folder / "results/spread.csv").read_bytes()
     run = running(cli, address, "dask", "-v")
     assert run.stderr.readline() == f"24 cells on the workers of {address}\n"
     line = run.stderr.readline()
@@ -198,16 +190,17 @@ if __name__ == "__main__":
 """
 
 
-def test_nobody_else_gets_in(cli, threaded):
+def test_nobody_else_gets_in(cli, quick):
     """Who has not the credentials of the run is refused by its scheduler; the run goes on."""
-    write(cli)
     script = cli.write("intruder.py", INTRUDER)
-    run = cli.python(script, "run", "spread.yaml", "--executor", "dask", "--jobs", 1)
+    run = cli.python(script, "run", "quick.yaml", "--executor", "dask", "--jobs", 1)
     assert run.stderr == ""
     *tried, summary = run.stdout.splitlines()
     assert [line.split()[0] for line in tried] == ["refused"] * 2 + ["let"]
-    assert summary == "spread: 24 ok -> results/spread.csv"
-    assert (cli.folder / "results/spread.csv").read_bytes() == threaded
+    assert summary == "quick: 4 ok -> results/quick.csv"
+    cli("run", "quick.yaml", "--results", "threaded")
+    of_both = [(cli.folder / name / "quick.csv").read_bytes() for name in ("results", "threaded")]
+    assert of_both[0] == of_both[1]
 
 
 #: A module that notes that somebody has imported it.
