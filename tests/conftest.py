@@ -47,6 +47,7 @@ os.fsync = lambda descriptor: None
 #: A busy machine says nothing about the code.
 UNTIMED = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("project", derandomize="CI" in os.environ, **UNTIMED)
+settings.register_profile("release", max_examples=3_000, **UNTIMED)
 settings.register_profile("fuzz", max_examples=20_000, **UNTIMED)
 settings.load_profile("project")
 
@@ -111,13 +112,9 @@ def pytest_xdist_setupnodes(config):
 
 
 @pytest.fixture
-def scheduler(tmp_path, request):
-    """A scheduler on loopback, its address, and a function that starts workers.
-
-    The parameter is how long it waits for workers.
-    """
-    patience = getattr(request, "param", "120s")
-    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": patience}
+def scheduler(tmp_path):
+    """A scheduler on loopback, its address, and a function that starts workers."""
+    environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__NO_WORKERS_TIMEOUT": "120s"}
     # Elsewhere, so that nothing is found by its path.
     away = tmp_path / "away"
     away.mkdir()
@@ -293,31 +290,6 @@ def require_ended(run, ending, errors, kept, cells):
     assert run.returncode == 128 + ending
 
 
-def require_interrupts_taken(cli, moments, where, *options):
-    """Signals for all processes of a run of a cell that hangs.
-
-    Args:
-        cli: The command line.
-        moments: (seconds after the run's first line, or None for when it hangs, signal) pairs.
-        where: That line.
-        options: Of the run.
-    """
-    write_swings(cli, "hang")
-    for delay, ending in moments:
-        run = cli.start(
-            "run", "swings.yaml", "--allow-code", "-v", *options, start_new_session=True
-        )
-        assert run.stderr.readline() == where
-        if delay is None:
-            wait_until((cli.folder / "hangs").exists)
-        else:
-            time.sleep(delay)
-        os.killpg(run.pid, ending)
-        _, errors = run.communicate(timeout=60)
-        assert len(errors.splitlines()) == 1, errors
-        require_ended(run, ending, errors, 0, 1)
-
-
 @pytest.fixture
 def quick(cli):
     """A small valid config in the folder of ``cli``."""
@@ -329,8 +301,8 @@ def few_draws(monkeypatch):
     """Rounding is drawn less often, for what compares no number with what rounding does."""
     from newmark_cli.advice import linearised
 
-    monkeypatch.setattr(linearised, "_SAMPLES", 2)
-    monkeypatch.setattr(linearised, "_ROUGHLY", 1)
+    for name, value in (("SAMPLES", 2), ("ROUGHLY", 1), ("STATES", 3), ("STEPS_BETWEEN", 200)):
+        monkeypatch.setattr(linearised, f"_{name}", value)
 
 
 @pytest.fixture(scope="session")

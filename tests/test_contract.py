@@ -189,12 +189,16 @@ def test_starts(name):
 
 @EVERY
 def test_problems_can_be_sent_to_other_processes(name):
-    """What arrives has the same content and names."""
+    """What arrives has the same content and names: one for each number, all different."""
     subject = subject_of(name)
     sent = pickle.loads(pickle.dumps(subject))
     assert sent.content == subject.content
-    assert sent.constraint_names == subject.constraint_names
-    assert sent.coordinate_names == subject.coordinate_names
+    for names, found, count in (
+        (subject.coordinate_names, sent.coordinate_names, subject.n),
+        (subject.constraint_names, sent.constraint_names, subject.m),
+    ):
+        assert names == found
+        assert len(names) == len({*names}) == count
 
 
 # -- marches ----------------------------------------------------------------------------------

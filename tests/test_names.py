@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mechanisms import built
 
-from newmark_cli.mechanisms.registry import SHIPPED, problem
 from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import ProblemError
 from newmark_cli.problems.python_problem import Definition, from_definition
@@ -56,18 +55,6 @@ def test_coordinates_and_constraints_are_named_by_their_parts():
         {subject.points[i // 2] for i in np.flatnonzero(touched[:, k])} for k in range(subject.m)
     ]
     assert points == [{"A"}, {"A", "B"}, {"C"}, {"A"}, {"D"}, {"D"}]
-
-
-@pytest.mark.parametrize("name", SHIPPED)
-def test_names_are_as_many_as_numbers_and_all_different(name):
-    """One name for each coordinate and each constraint of the shipped problems."""
-    subject = problem(name)
-    for names, count in (
-        (subject.coordinate_names, subject.n),
-        (subject.constraint_names, subject.m),
-    ):
-        assert len(names) == count
-        assert len(set(names)) == count
 
 
 def test_names_of_a_definition():

@@ -6,7 +6,6 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 
 import click
 import pytest
@@ -195,18 +194,6 @@ def test_help_has_an_example(cli):
         assert r"\b" not in text
         for option in command.params:
             assert isinstance(option, click.Argument) or option.help, option.name
-
-
-def test_help_is_light():
-    """--help imports neither numpy nor pandas, nor anything else that is heavy."""
-    code = (
-        "import sys\nfrom newmark_cli.cli import main\n"
-        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "heavy = {'numpy', 'pandas', 'scipy', 'numba', 'matplotlib', 'pydantic', 'yaml'}\n"
-        "print('HEAVY', sorted(heavy & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert "HEAVY []" in done.stdout, done.stdout + done.stderr
 
 
 #: What may be wrong with the CSV of `pendulum-u`: name → its text from that and its lines.

@@ -21,7 +21,9 @@ gravity: [0, 0, -9.81]
 FILES = {
     "planar.yaml": PLANAR,
     "spatial.yaml": SPATIAL,
-    "forced.yaml": PLANAR + 'python_forces: {air: {python: "air.py:drag", on: [P]}}\n',
+    # It hangs at rest, so that advice looks at one state: functions in Python take long.
+    "forced.yaml": PLANAR.replace("[1, 0]", "[0, -1]")
+    + 'python_forces: {air: {python: "air.py:drag", on: [P]}}\n',
     "air.py": "def drag(positions, velocities, t):\n    return -0.3 * velocities\n",
     "axis.py": examples.CAR_AXIS.read_text(),
     "study.yaml": (
@@ -41,7 +43,7 @@ CODE = ("validate", "draw", "advise", "orders", "run")
 COMMANDS = (
     ("validate", (*PROBLEMS, *STUDIES)),
     ("draw --at 0.1 --h 0.05 --frames 2 --animate a.gif", MECHANISMS),
-    ("advise --h 1e-3 --t-end 0.01", (*PROBLEMS, *STUDIES)),
+    ("advise --h 1e-3", (*PROBLEMS, *STUDIES)),
     ("advise --h 1e-3 --matrices", ("matrices.npz",)),
     ("advise --jacobian", ()),
     ("run --dry-run", STUDIES),
@@ -66,11 +68,13 @@ def folder(tmp_path_factory):
 
 
 #: Every subject that a command works for, and a ninth of the others, so that each meets some.
+#: Of what moves in Python docs/advice.md has advice, which takes seconds.
 TRIED = [
     (words, subject, subject in works)
     for i, (words, works) in enumerate(COMMANDS)
     for k, subject in enumerate(SUBJECTS)
-    if subject in works or (i + k) % 9 == 0
+    if (subject in works or (i + k) % 9 == 0)
+    and (words.split()[0], subject) != ("advise", "axis.py:car_axis")
 ]
 
 

@@ -7,17 +7,15 @@ from pathlib import Path
 import pytest
 
 import newmark_cli as newmark
-from newmark_cli.advice import linearised
 
 PUBLIC = [name for name in newmark.__all__ if name != "__version__"]
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_examples_of_docstrings_are_true(monkeypatch, name):
+def test_examples_of_docstrings_are_true(request, name):
     """Every public name has a docstring with an example, which prints what it says."""
     if name == "Advice":  # its example prints nothing of what is drawn
-        monkeypatch.setattr(linearised, "_SAMPLES", 2)
-        monkeypatch.setattr(linearised, "_ROUGHLY", 1)
+        request.getfixturevalue("few_draws")
     subject = getattr(newmark, name)
     tests = [test for test in doctest.DocTestFinder().find(subject, name) if test.examples]
     assert any(test.name == name for test in tests), "no example"

@@ -536,19 +536,33 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(call, message):
     assert type(caught.value).__name__ in newmark.__all__
 
 
+IMPORTS = """\
+import sys
+before = {*sys.modules}
+import newmark_cli
+print(*{*sys.modules} - before, newmark_cli.__version__ != "",
+      {*newmark_cli.__all__} <= {*dir(newmark_cli)})
+from newmark_cli.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    heavy = {"numpy", "pandas", "scipy", "numba", "matplotlib", "pydantic", "yaml"}
+    print("heavy:", *heavy & {*sys.modules})
+"""
+
+
 def test_importing_takes_no_library():
-    """Nothing but the standard library, and little of the package."""
-    code = (
-        "import sys; before = {*sys.modules}; import newmark_cli; "
-        "print(*{*sys.modules} - before, newmark_cli.__version__ != '', "
-        "{*newmark_cli.__all__} <= {*dir(newmark_cli)})"
+    """Nothing but the standard library, and little of the package; --help nothing that is heavy."""
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS], text=True, capture_output=True, check=True
     )
-    done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)
-    *modules, versioned, listed = done.stdout.split()
+    first, *_, last = done.stdout.splitlines()
+    *modules, versioned, listed = first.split()
     assert (versioned, listed) == ("True", "True")
     packages = {module.partition(".")[0] for module in modules}
     assert packages <= sys.stdlib_module_names | {"newmark_cli"}
     assert {module for module in modules if module.startswith("newmark_cli")} == {"newmark_cli"}
+    assert last == "heavy:"
 
 
 MEMORY = """\

@@ -127,7 +127,7 @@ def mutants(given):
     for key, right in given.items():
         if key in ("mass_matrix", "u0", "v0", "force", "constraints", "energy"):
             continue
-        shape = right(*arguments(key, given)).shape
+        shape = np.shape(right(*arguments(key, given)))
         for number, place in enumerate(np.ndindex(shape)):
 
             def wrong(*at, right=right, place=place, factor=(1.01, -1.0, 0.0)[number % 3]):

@@ -12,21 +12,24 @@ from newmark_cli.problems.index_1 import Index1
 
 
 def wavy_definition(decorate=lambda function: function, given=()):
-    """A bead on a wavy floor that moves: Φ is neither quadratic nor free of time."""
+    """A bead on a wavy floor that moves: Φ is neither quadratic nor free of time.
+
+    Its functions return arrays, lists, tuples, and lists and tuples of these.
+    """
 
     @decorate
     def force(u, v, t):
-        return np.array([0.0, 0.0, -9.81])
+        return [0.0, 0.0, -9.81]
 
     @decorate
     def constraints(u, t):
         wave = 0.2 * np.sin(3 * u[0] + t) * np.cos(2 * u[1])
-        return np.array([u[2] - wave - 0.1 * np.sin(3 * t)])
+        return (u[2] - wave - 0.1 * np.sin(3 * t),)
 
     @decorate
     def gradient(u, t):
         c, s = np.cos(3 * u[0] + t), np.sin(3 * u[0] + t)
-        return np.array([[-0.6 * c * np.cos(2 * u[1])], [0.4 * s * np.sin(2 * u[1])], [1.0]])
+        return [[-0.6 * c * np.cos(2 * u[1])], [0.4 * s * np.sin(2 * u[1])], [1.0]]
 
     @decorate
     def constraint_rate(u, t):
@@ -44,7 +47,7 @@ def wavy_definition(decorate=lambda function: function, given=()):
     def rate_gradient(u, v, t):
         c, s = np.cos(3 * u[0] + t), np.sin(3 * u[0] + t)
         a, b, p, q = np.cos(2 * u[1]), np.sin(2 * u[1]), 3 * v[0] + 1, 2 * v[1]
-        return np.array([[0.6 * (s * a * p + c * b * q)], [0.4 * (c * b * p + s * a * q)], [0.0]])
+        return (0.6 * (s * a * p + c * b * q),), (0.4 * (c * b * p + s * a * q),), (0.0,)
 
     @decorate
     def acceleration_gradient(u, v, w, t):
@@ -55,6 +58,10 @@ def wavy_definition(decorate=lambda function: function, given=()):
         x += 0.2 * (3 * (p * p + q * q) * c * a - 6 * p * q * s * b)
         y += 0.2 * (4 * p * q * c * a - 2 * (p * p + q * q) * s * b)
         return np.array([[x], [y], [0.0]])
+
+    @decorate
+    def damping(u, v, t):
+        return [[0, 0, 0], [0, 0, 0], [0, 0, 0]]
 
     own = locals()
     return {
@@ -101,7 +108,8 @@ def assert_alike(found, expected, tolerances):
 
 
 @pytest.mark.parametrize(
-    ("given", "compiled"), [((), False), (("curvature",), False), (ALL, False), (ALL, True)]
+    ("given", "compiled"),
+    [((), False), (("curvature",), False), (ALL, False), ((*ALL, "damping"), True)],
 )
 def test_rows_against_mpmath(given, compiled):
     """Given ones exactly; what enters the residual by differences to 1e-10, tangents to 1e-9.
@@ -110,7 +118,7 @@ def test_rows_against_mpmath(given, compiled):
     take as long to compile.
     """
     subject = wavy(numba.njit if compiled else lambda function: function, given)
-    assert (subject.compiled, subject.rows_given == "exact") == (compiled, given == ALL)
+    assert (subject.compiled, subject.rows_given == "exact") == (compiled, given[:4] == ALL)
     for seed in range(4):
         u, v, w = anywhere(subject, seed)
         expected = oracles.constraint_rows(wavy_phi, 0.4, u, v, w)
@@ -120,6 +128,10 @@ def test_rows_against_mpmath(given, compiled):
         rate, curvature = subject.constraint_derivatives(0.4, u, v)
         assert rate == pytest.approx(expected[0], rel=exact[0])
         assert curvature == pytest.approx(expected[1], rel=exact[1])
+    # Whatever is returned is converted alike.
+    plain, state = wavy(lambda function: function, given), (0.4, u, v, np.ones(1))
+    for one, other in zip(subject.evaluate(*state), plain.evaluate(*state), strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
 
 
 def test_a_plain_function_among_compiled_ones_leaves_the_problem_plain():

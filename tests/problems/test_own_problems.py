@@ -20,11 +20,11 @@ problem: PROBLEM
 form: u-lambda
 preconditioning: [none, optimal]
 h: [1e-2, 1e-3, 1e-4]
-t_end: 0.3
+t_end: 0.1
 """
 
 
-def test_compiled_code_runs_through_the_kernel(cli):
+def test_code_of_ones_own_runs_from_its_file(cli):
     """Refused without --allow-code; with it, read once, run and checked."""
     begins = '\nwith open("begun", "a") as file:\n    file.write(".")\n'
     cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text() + begins)
@@ -32,10 +32,10 @@ def test_compiled_code_runs_through_the_kernel(cli):
     line = cli.refused("run", "mine.yaml")
     assert "mine.yaml, line 2: problem.python: car_axis.py is code, which runs only with" in line
     assert "--allow-code" in line
-    # A second job would compile it once more; the process that has read it computes the cells.
+    # A second job would read it once more; the process that has read it computes the cells.
     assert "6 ok" in cli("run", "mine.yaml", "--allow-code", "--jobs", 1).stdout
     assert (cli.folder / "begun").read_text() == "."
-    # Without scaling, u is recorded by a norm that λ rules, and a few steps in 3000
+    # Without scaling, u is recorded by a norm that λ rules, and a few steps in 1000
     # catch it before it is rounding: its own slope is no claim here.
     found = json.loads(cli("check", "--json").stdout)
     chosen = [r for r in found if r["quantity"] != "u" and r["measure"] != "physical_correction"]

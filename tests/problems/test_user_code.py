@@ -5,7 +5,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from conftest import SWING
+from conftest import SWING, rows_in
 
 from newmark_cli.mechanisms.spec import PythonFactory, portable
 from newmark_cli.problems.problem import ProblemError
@@ -167,11 +167,15 @@ def swing(force):
 
 
 def test_failures_name_the_line(cli):
-    """The innermost of the user's own, by the names that the user knows; in one line each."""
+    """The innermost of the user's own, by the names that the user knows; in one line each.
+
+    Until then it is well, compiled or not.
+    """
     cli.write("own/mine.py", FAILS)
     cli.write("own/parts/one.py", "\n\ndef divided(t):\n    return 1.0 / (t < 0.5)\n")
     forces = ["plain", "beside", "compiled"]
     cases = [f'  - problem: {{python: "own/mine.py:swing", args: {{force: {f}}}}}' for f in forces]
+    cases.append(f"{cases[-1]}\n    h: 0.05\n    t_end: 0.5")
     cli.write(
         "mine.yaml",
         "study: mine\nform: u-lambda\npreconditioning: optimal\nh: 0.1\nt_end: 1.0\n"
@@ -179,7 +183,7 @@ def test_failures_name_the_line(cli):
     )
     done = cli("run", "mine.yaml", "--allow-code", "-q", "--jobs", 1, code=1)
     first, *others = done.stderr.splitlines()
-    said = f"newmark-study: mine: 1 of {len(forces)} cells "
+    said = f"newmark-study: mine: 1 of {len(cases)} cells "
     start = f"{said}failed: own/mine.py, line 9: KeyError: 'no\\nmoreno"
     assert first.startswith(start)
     assert first.endswith("…")
@@ -189,6 +193,9 @@ def test_failures_name_the_line(cli):
         f"{said}failed: own/mine.py, line 20: ValueError: no more",
     ]
     assert others == expected
+    rows = rows_in(cli.folder / "results/mine.csv")
+    well = {(row["problem"], row["h"]) for row in rows if row["status"] == "ok"}
+    assert well == {("mine.py:swing(force=compiled)", "0.05")}
 
 
 def test_what_was_imported_counts(tmp_path):

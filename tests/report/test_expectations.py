@@ -364,14 +364,3 @@ def test_annotations_are_one_line_each_and_no_more_than_github_shows():
     undecided = [outcomes.Outcome("s", "n", word, "")]
     assert outcomes.annotations(undecided, outcomes.LENIENT) == [f"::warning title=s%3A {word}::n"]
     assert outcomes.annotations(undecided, outcomes.ALL) == [f"::error title=s%3A {word}::n"]
-
-
-def test_the_page_has_them(expecting):
-    """Next to the slopes, and in the sentence above them."""
-    cli = expecting("{measure: error, quantity: u, preconditioning: none, slope: 3}")
-    done = cli("report", "--output", "page.html")
-    assert done.stderr == ""
-    page = (cli.folder / "page.html").read_text()
-    assert "Expectations of the studies" in page
-    assert "0 of 1 expectations hold" in page
-    assert '<p class="miss">' in page

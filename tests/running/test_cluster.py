@@ -10,11 +10,11 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from command_line import CommandLine
 from conftest import (
     SWING,
-    require_interrupts_taken,
+    require_ended,
     wait_for_cells,
+    wait_until,
     write_swings,
 )
 
@@ -42,15 +42,6 @@ gravity: [0, -9.81]
 """
 
 
-@pytest.fixture(scope="module")
-def threaded(tmp_path_factory):
-    """The study's CSV from threads."""
-    cli = CommandLine(tmp_path_factory.mktemp("threads"))
-    write(cli)
-    cli("run", "spread.yaml")
-    return (cli.folder / "results/spread.csv").read_bytes()
-
-
 def write(cli):
     """Write the study and its mechanism."""
     cli.write("mine.yaml", MINE)
@@ -67,25 +58,22 @@ def temporary(tmp_path, monkeypatch):
     return folder
 
 
-def running(cli, address, *options):
+def running(cli, address, results, *options):
     """A run on the scheduler, started and not waited for."""
-    write(cli)
-    where = ("--executor", "dask", "--scheduler", address, "--results", "dask")
+    where = ("--executor", "dask", "--scheduler", address, "--results", results)
     return cli.start("run", "spread.yaml", *where, *options)
 
 
-def lost(run):
-    """The line in which a run says that its cluster is gone."""
-    _, errors = run.communicate(timeout=120)
-    assert run.returncode == 1
-    (line,) = errors.splitlines()
-    return line
+def test_workers_may_come_late_and_all_may_be_lost(cli, scheduler):
+    """The run says that it waits; two come and one is killed: the same bytes as from threads.
 
-
-def test_workers_may_come_late_and_die(cli, threaded, scheduler):
-    """The run says that it waits; two come and one is killed: the same bytes as from threads."""
-    _, address, workers = scheduler
-    run = running(cli, address, "-v")
+    A scheduler that is killed ends the next run in one line; what is finished is kept.
+    """
+    main, address, workers = scheduler
+    write(cli)
+    cli("run", "spread.yaml")
+    threaded = (cli.folder / "results/spread.csv").read_bytes()
+    run = running(cli, address, "dask", "-v")
     assert run.stderr.readline() == f"24 cells on the workers of {address}\n"
     line = run.stderr.readline()
     assert line == f"waiting for workers: the dask scheduler at {address} has none\n"
@@ -96,20 +84,17 @@ def test_workers_may_come_late_and_die(cli, threaded, scheduler):
     assert run.returncode == 0, errors
     assert output.startswith("spread: 24 ok")
     assert (cli.folder / "dask/spread.csv").read_bytes() == threaded
-
-
-def test_a_lost_scheduler_ends_the_run(cli, threaded, scheduler):
-    """In one line; what is finished is kept."""
-    main, address, workers = scheduler
-    workers(1)
-    run = running(cli, address)
-    wait_for_cells(cli.folder / "dask", 2)
+    run = running(cli, address, "lost")
+    wait_for_cells(cli.folder / "lost", 2)
     main.send_signal(signal.SIGKILL)
-    assert lost(run).startswith(f"newmark-study: the dask scheduler at {address} is lost")
-    assert not (cli.folder / "dask/spread.csv").exists()
-    done = cli("run", "spread.yaml", "--results", "dask")
+    _, errors = run.communicate(timeout=120)
+    (line,) = errors.splitlines()
+    assert run.returncode == 1
+    assert line.startswith(f"newmark-study: the dask scheduler at {address} is lost")
+    assert not (cli.folder / "lost/spread.csv").exists()
+    done = cli("run", "spread.yaml", "--results", "lost")
     assert re.search(r"24 ok \(\d+ cached\)", done.stdout)
-    assert (cli.folder / "dask/spread.csv").read_bytes() == threaded
+    assert (cli.folder / "lost/spread.csv").read_bytes() == threaded
 
 
 def test_no_scheduler(cli):
@@ -121,18 +106,22 @@ def test_no_scheduler(cli):
     assert "no dask scheduler at tcp://127.0.0.1:9" in line
 
 
-@pytest.mark.parametrize("scheduler", ["500ms"], indirect=True)
-def test_workers_that_never_come(cli, scheduler):
-    _, address, _ = scheduler
-    line = lost(running(cli, address))
+def test_workers_that_never_come(cli):
+    write(cli)
+    with (
+        dask.config.set({"distributed.scheduler.no-workers-timeout": "500ms"}),
+        distributed.LocalCluster(
+            n_workers=0,
+            processes=False,
+            protocol="tcp://",
+            host="127.0.0.1",
+            dashboard_address=None,
+        ) as there,
+    ):
+        address = there.scheduler_address
+        where = ("--executor", "dask", "--scheduler", address)
+        (line,) = cli("run", "spread.yaml", *where, code=1).stderr.splitlines()
     assert line.startswith(f"newmark-study: the dask scheduler at {address} has no workers; ")
-
-
-def test_interrupts_are_for_the_run(cli, temporary):
-    """Ctrl-C goes to all processes of a terminal, workers included, which leave no file."""
-    where = "1 cell on the workers of this machine\n"
-    require_interrupts_taken(cli, [(None, signal.SIGINT)], where, "--executor", "dask", "--jobs", 1)
-    assert [*temporary.iterdir()] == []
 
 
 @pytest.mark.parametrize(
@@ -201,16 +190,17 @@ if __name__ == "__main__":
 """
 
 
-def test_nobody_else_gets_in(cli, threaded):
+def test_nobody_else_gets_in(cli, quick):
     """Who has not the credentials of the run is refused by its scheduler; the run goes on."""
-    write(cli)
     script = cli.write("intruder.py", INTRUDER)
-    run = cli.python(script, "run", "spread.yaml", "--executor", "dask", "--jobs", 1)
+    run = cli.python(script, "run", "quick.yaml", "--executor", "dask", "--jobs", 1)
     assert run.stderr == ""
     *tried, summary = run.stdout.splitlines()
     assert [line.split()[0] for line in tried] == ["refused"] * 2 + ["let"]
-    assert summary == "spread: 24 ok -> results/spread.csv"
-    assert (cli.folder / "results/spread.csv").read_bytes() == threaded
+    assert summary == "quick: 4 ok -> results/quick.csv"
+    cli("run", "quick.yaml", "--results", "threaded")
+    of_both = [(cli.folder / name / "quick.csv").read_bytes() for name in ("results", "threaded")]
+    assert of_both[0] == of_both[1]
 
 
 #: A module that notes that somebody has imported it.
@@ -235,7 +225,7 @@ def looks_around():
                 modes[part] = oct(os.stat(part).st_mode & 0o777), os.stat(part).st_uid
     with open("seen", "a") as file:
         file.write(json.dumps([modes, os.environ.get("PYTHONSAFEPATH")]) + "\\n")
-    return swing(after=LENGTH)
+    return swing("hang", after=LENGTH)
 """
 )
 
@@ -253,7 +243,8 @@ expect: [{measure: correction, at_least: 1.0e-99}]
 def test_nothing_of_others_is_imported(cli, temporary):
     """Modules in the current folder, and where dask would have the folders of workers.
 
-    Everybody knows the name of that folder, and may have made it before.
+    Everybody knows the name of that folder, and may have made it before.  Ctrl-C goes to all
+    processes of a terminal, workers included, which leave no file.
     """
     shared = temporary / "dask-scratch-space"
     shared.mkdir()
@@ -263,10 +254,15 @@ def test_nothing_of_others_is_imported(cli, temporary):
     cli.write("own/half.py", "LENGTH = 0.5\n")
     cli.write("own/problem.py", LOOKS_AROUND)
     cli.write("own.yaml", OWN)
-    options = ("--allow-code", "--executor", "dask", "--jobs", 1)
-    output, errors = cli.start("run", "own.yaml", *options).communicate(timeout=120)
+    options = ("--allow-code", "--executor", "dask", "--jobs", 1, "-v")
+    run = cli.start("run", "own.yaml", *options, start_new_session=True)
+    assert run.stderr.readline() == "1 cell on the workers of this machine\n"
+    wait_until((cli.folder / "hangs").exists)
+    os.killpg(run.pid, signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    require_ended(run, signal.SIGINT, errors, 0, 1)
+    assert len(errors.splitlines()) == 1
     assert [*cli.folder.rglob("*.ran")] == []
-    assert (output, errors) == ("own: 1 ok -> results/own.csv\n", "")
     seen = [json.loads(line) for line in (cli.folder / "seen").read_text().splitlines()]
     below = {}
     for modes, safe in seen:

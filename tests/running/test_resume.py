@@ -18,7 +18,6 @@ from conftest import (
     CommandLine,
     require_ended,
     require_failed_alone,
-    require_interrupts_taken,
     wait_for_cells,
     wait_until,
     write_swings,
@@ -141,11 +140,14 @@ def whole(tmp_path_factory):
 
 
 def test_an_interrupted_run_goes_on(cli, whole):
-    """Ctrl-C exits with 130 and one line; however it ended, the CSV is the same at last."""
+    """One line and the code of the signal; however it ended, the CSV is the same at last.
+
+    Ctrl-C is sent in `test_interrupts` and `test_cluster`.
+    """
     cli.write("long.yaml", LONG)
     kept = 0
     # The first with threads side by side; then one cell after the other.
-    for ending, jobs in ((signal.SIGINT, 2), (signal.SIGHUP, 1), (signal.SIGKILL, 1)):
+    for ending, jobs in ((signal.SIGHUP, 2), (signal.SIGKILL, 1)):
         run = cli.start("run", "long.yaml", "--jobs", jobs)
         wait_for_cells(cli.folder / "results", kept + 1)
         run.send_signal(ending)
@@ -342,7 +344,14 @@ def test_workers_end_with_their_run(cli):
 
 def test_interrupts_are_for_the_run(cli):
     """Signals go to all processes of a terminal; the run answers, in one line."""
-    require_interrupts_taken(cli, [(None, signal.SIGTERM)], "1 cell, 1 at a time\n")
+    write_swings(cli, "hang")
+    run = cli.start("run", "swings.yaml", "--allow-code", "-v", start_new_session=True)
+    assert run.stderr.readline() == "1 cell, 1 at a time\n"
+    wait_until((cli.folder / "hangs").exists)
+    os.killpg(run.pid, signal.SIGTERM)
+    _, errors = run.communicate(timeout=60)
+    assert len(errors.splitlines()) == 1, errors
+    require_ended(run, signal.SIGTERM, errors, 0, 1)
 
 
 def test_a_terminal_shows_progress(cli, quick):
