@@ -219,26 +219,23 @@ class IntegratorConfig(MethodConfig):
 
     @model_validator(mode="after")
     def _usable(self, info: ValidationInfo) -> "IntegratorConfig":
-        if NAMED.fullmatch(self.method):
-            documents.together(self._of_others({"newmark": tuple(self.parameters())}))
-            self._own = own_classes.loaded(self.method, info.context or Surroundings())
-            if self._own.note:
-                warn(f"integrator {self.method}: {self._own.note}")
-            return self
-        allowed, values = integrator.parameters(self.method), self.parameters()
         methods = {method: integrator.parameters(method) for method in self.METHODS}
         documents.together(self._of_others(methods))
-        example = f"for example {self.example(self.method)}"
+        if NAMED.fullmatch(self.method):
+            self._own = own_classes.loaded(self.method, info.context or Surroundings())
         try:
             note = self.value().note
         except TypeError:
-            missing = [name for name in allowed if name not in values]
-            raise misfit("method", f"{self.method} needs {', '.join(missing)}; {example}") from None
+            missing = [name for name in methods[self.method] if name not in self.parameters()]
+            raise self._unusable("method", f"{self.method} needs {', '.join(missing)}") from None
         except integrator.IntegratorError as error:
-            raise misfit(str(error).split()[0], f"{error}; {example}") from None
+            raise self._unusable(str(error).split()[0], str(error)) from None
         if note:
             warn(f"integrator {self.method}: {note}")
         return self
+
+    def _unusable(self, key: str, why: str) -> PydanticCustomError:
+        return misfit(key, f"{why}; for example {self.example(self.method)}")
 
     def value(self) -> Integrator:
         """The core's value."""

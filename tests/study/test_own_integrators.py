@@ -238,6 +238,14 @@ def test_what_is_no_integrator_is_refused_in_a_line(cli, own, name, said):
     assert done.stderr.count("\n") == 1
 
 
+def test_a_parameter_beside_a_class_is_told_whose_it_is(cli, own):
+    done = cli("validate", own("{method: 'mine.py:Bossak', rho: 0.9}"), "--allow-code", code=2)
+    assert done.stderr.endswith(
+        "rho: is not a parameter of mine.py:Bossak, which has no parameters; it belongs to "
+        "generalized-alpha: {method: generalized-alpha, rho: 0.9}\n"
+    )
+
+
 class Bossak:
     """Wood, Bossak and Zienkiewicz's method, as a caller of the library writes it."""
 
