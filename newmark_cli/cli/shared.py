@@ -234,11 +234,12 @@ def as_json_text(value: object) -> str:
 
 def integrator_named(text: str, allow_code: bool) -> Any:
     """The integrator that ``--integrator`` names, which may be code if that is allowed."""
+    from newmark_cli.library.scalings import of_label
     from newmark_cli.study import keys
     from newmark_cli.study.subjects import Surroundings
 
     around = Surroundings(allow_code=allow_code)
-    return keys.read("--integrator", text, keys.IntegratorConfig, around)
+    return of_label(text) or keys.read("--integrator", text, keys.IntegratorConfig, around)
 
 
 def call_with_problem(spec: Any, function: Callable[..., Any], *arguments: Any) -> Any:

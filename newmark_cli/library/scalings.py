@@ -192,11 +192,14 @@ def _integrator(name: str, value: Any) -> Any:
         kind = value if isinstance(value, type) else type(value)
         file = Path(getattr(sys.modules.get(kind.__module__), "__file__", None) or "notebook.py")
         return own_integrator.of(f"{file.stem}.py:{kind.__name__}", value)
-    if isinstance(value, str):
-        method, parts, _ = value.partition(" ")
-        if parts and own_integrator.NAMED.fullmatch(method):
-            return parse(value)  # a label, by which results name it
-    return _integrator_by_keys(name, value)
+    own = of_label(value) if isinstance(value, str) else None
+    return own or _integrator_by_keys(name, value)
+
+
+def of_label(text: str) -> Integrator | None:
+    """The integrator that results name by a label of a class; None for other text."""
+    method, parts, _ = text.partition(" ")
+    return parse(text) if parts and own_integrator.NAMED.fullmatch(method) else None
 
 
 #: Arguments that are one of the names of an axis.

@@ -182,6 +182,9 @@ def test_advice_takes_a_class(cli, own):
     assert found == wanted
     assert found.split()[-1] == "2.618"
     assert "--allow-code" in cli(*command, "mine.py:Bossak", code=2).stderr
+    label = "mine.py:Bossak order=2 rho=0.5 beta=0.3025 gamma=0.6 digest=0123456789ab"
+    told = cli(*command, label, code=2).stderr
+    assert "mine.py:Bossak: is code, which runs only with --allow-code" in told
 
 
 def test_a_class_is_a_method_of_a_study(cli, own):
