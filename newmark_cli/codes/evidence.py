@@ -16,11 +16,11 @@ import numpy as np
 
 from newmark_cli.codes.truth import Truth
 from newmark_cli.newmark.integrator import Integrator, fading
-from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray, Mask
 
 if TYPE_CHECKING:
     from newmark_cli.codes.reading import Run
+    from newmark_cli.codes.solutions import Measured
 
 PARTS = ("u", "v", "lambda")
 #: What messages call them.
@@ -87,19 +87,16 @@ class Told:
         return self.integrator is not None and self.integrator.damped
 
 
-@dataclass(frozen=True)
-class OurMarch:
-    """What a march of this tool's with the same step size leaves.
-
-    Attributes:
-        rounding: Part → rounding of its last error; NaN or absent where unknown.
-        errors: Part → its last error.
-        misfit: Relative misfit of Φ; NaN where unknown.
-    """
-
-    rounding: Mapping[str, float] = field(default_factory=dict)
-    errors: Mapping[str, float] = field(default_factory=dict)
-    misfit: float = math.nan
+def digits_of(numbers: Array) -> tuple[int, int]:
+    """Most significant digits, and most decimal places, of the shortest decimals of numbers."""
+    digits, places = 0, 0
+    for text in map(repr, np.abs(numbers).tolist()):
+        mantissa, _, power = text.partition("e")
+        whole, _, decimals = mantissa.partition(".")
+        decimals = decimals.rstrip("0")
+        digits = max(digits, len((whole + decimals).strip("0")))
+        places = max(places, len(decimals) - int(power or 0))
+    return digits, places
 
 
 def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
@@ -112,13 +109,7 @@ def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
     """
     numbers = np.concatenate([run.state[part][run.t > t0].ravel() for run in runs])
     numbers = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])[-_COUNTED:]
-    digits, places = 0, 0
-    for text in map(repr, numbers.tolist()):
-        mantissa, _, power = text.partition("e")
-        whole, _, decimals = mantissa.partition(".")
-        decimals = decimals.rstrip("0")
-        digits = max(digits, len((whole + decimals).strip("0")))
-        places = max(places, len(decimals) - int(power or 0))
+    digits, places = digits_of(numbers)
     if not digits or digits >= 16:
         return 1e-16
     size = float(numbers.max())
@@ -162,14 +153,13 @@ class SeriesErrors:
     """One series as the rules see it.
 
     Args:
-        runs: Its runs that ended, twins aside, by descending sizes.
-        problem: What was solved.
+        measured: Its runs that ended, twins aside, by descending sizes.
         told: What the caller says of the code.
-        marched: Of each run, what a march of ours leaves.
         single: Whether every number of the table is one of single precision.
         truth: The solution, until after the last row of any run.
 
     Attributes:
+        runs: Runs that arrive, and in ``measured`` what was measured of them.
         h: (k,) step sizes, descending.
         stopped: Step sizes of runs that end long before the others.
         scale: Part → its largest value along the motion; of λ (m,).
@@ -180,21 +170,14 @@ class SeriesErrors:
     """
 
     def __init__(
-        self,
-        runs: Sequence["Run"],
-        problem: Problem,
-        told: Told,
-        marched: Sequence[OurMarch],
-        single: bool,
-        truth: Truth,
+        self, measured: Sequence["Measured"], told: Told, single: bool, truth: Truth
     ) -> None:
-        self.problem, self.told, self.truth = problem, told, truth
-        self.t0, self.end = problem.t0, max(float(run.t[-1]) for run in runs)
-        step = max(run.size for run in runs) if told.steps else 0.1 * (self.end - self.t0)
-        arrived = [run.t[-1] > self.end - 1.5 * step for run in runs]
-        self.runs = [run for run, there in zip(runs, arrived, strict=True) if there]
-        self.marched = [one for one, there in zip(marched, arrived, strict=True) if there]
-        self.stopped = [run.size for run, there in zip(runs, arrived, strict=True) if not there]
+        self.problem, self.told, self.truth = truth.problem, told, truth
+        self.t0, self.end = truth.problem.t0, max(float(of.run.t[-1]) for of in measured)
+        step = max(of.run.size for of in measured) if told.steps else 0.1 * (self.end - self.t0)
+        self.measured = [of for of in measured if of.run.t[-1] > self.end - 1.5 * step]
+        self.runs = [of.run for of in self.measured]
+        self.stopped = [of.run.size for of in measured if of.run.t[-1] <= self.end - 1.5 * step]
         self.h = np.array([run.size for run in self.runs])
         along = truth.at(np.linspace(self.t0, self.end, _SAMPLES))
         self.scale: dict[str, Any] = {
@@ -210,14 +193,19 @@ class SeriesErrors:
         self.has = {part: bool(known.any()) for part, known in self.known.items()}
         self.whole = {part: bool(known.size and known.all()) for part, known in self.known.items()}
         self._fading = fading(told.integrator) if told.integrator else 0.0
-        self.single = single or self._in_float()
-        self.resolution = {part: printed(runs, part, self.t0) for part in PARTS}
+        # Round numbers are of any precision, and so is the start.
+        after = [run.state[part][run.t > self.t0].ravel() for run in self.runs for part in PARTS]
+        self.single = single or is_single(np.concatenate(after))
+        self.resolution = {part: printed(self.runs, part, self.t0) for part in PARTS}
 
-    def _in_float(self) -> bool:
-        """Whether all numbers after the start are of single precision; round ones are of any."""
-        return is_single(np.concatenate([
-            run.state[part][run.t > self.t0].ravel() for run in self.runs for part in PARTS
-        ]))  # fmt: skip
+    def finding(self, name: str, text: str, fault: bool = True, **numbers: Any) -> Finding:
+        """A finding on the series."""
+        return Finding(name, self.runs[-1].series, text, fault, numbers)
+
+    def ours(self, k: int, quantity: str, measure: str = "error") -> float:
+        """What a march of this tool's with the step size of a run leaves; NaN where unknown."""
+        row = self.measured[k].ours.get((measure, quantity))
+        return row.statistics.max if row else math.nan
 
     def error(self, part: str, run: int) -> Array:
         """(rows, size) by how much a run is off."""
@@ -233,7 +221,8 @@ class SeriesErrors:
 
     def floor(self, part: str) -> Array:
         """(k,) what printing and rounding may leave of the last error."""
-        rounding = np.array([one.rounding.get(part, math.nan) for one in self.marched])
+        rows = [of.errors.get(("error", part)) for of in self.measured]
+        rounding = np.array([row.statistics.rounding if row else math.nan for row in rows])
         rounding = np.nan_to_num(rounding) * (_LIKE if self.told.integrator else _UNLIKE)
         power = {"u": 0, "v": 1, "lambda": 2}[part]
         steps = (self.end - self.t0) / self.h
@@ -308,6 +297,11 @@ class SeriesErrors:
         rows = zip(of.t, of.state["u"], of.state["v"], strict=True)
         return np.array([self.truth.solved(t, u, v)[1] for t, u, v in rows])
 
+    def off_implied(self, run: int) -> Array:
+        """(rows, m) by how much λ misses what u and v imply, over its size."""
+        off = self.runs[run].state["lambda"] - self.implied(run)
+        return np.asarray(off / self.scale["lambda"])
+
     def settled(self, run: "Run") -> Mask:
         """Rows at which λ has forgotten the first steps, of which integrators may miss some."""
         late = np.asarray(run.t > self.t0 + max(0.1 * (self.end - self.t0), 2.5 * run.size))
@@ -342,8 +336,27 @@ class SeriesErrors:
             return None
         return run.state["u"][0], run.state["v"][0]
 
-    def constraints(self, of: Mask) -> str:
-        """Names of the constraints that a mask marks."""
-        return ", ".join(
-            name for name, marked in zip(self.problem.constraint_names, of, strict=True) if marked
-        )
+
+class WeightedRows:
+    """Rows of the smallest step size that an explanation must meet, in one vector.
+
+    Args:
+        evidence: The series.
+        rows: Their numbers.
+        weight: Part that counts → what its errors are times.
+    """
+
+    def __init__(
+        self, evidence: SeriesErrors, rows: IndexArray, weight: Mapping[str, float]
+    ) -> None:
+        self.times = evidence.runs[-1].t[rows]
+        self._evidence, self._weight = evidence, weight
+
+    def stacked(self, of: Mapping[str, Array]) -> Array:
+        """Part → (rows, known), in one vector."""
+        return np.concatenate([(of[part] * by).ravel() for part, by in self._weight.items()])
+
+    def values(self, truth: Truth) -> Array:
+        """A motion at these rows, in one vector."""
+        there = truth.at(self.times)
+        return self.stacked({part: self._evidence.of(part, there[part]) for part in self._weight})

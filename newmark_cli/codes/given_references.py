@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli.codes import table_files
+from newmark_cli.codes.evidence import digits_of
 from newmark_cli.codes.reading import TOLERANCE, columns_of, names_of, some
 from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.invariants import misfits
@@ -112,7 +113,7 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
         ArgumentError: When the table cannot be used; names the column or line.
     """
     frame, where = table_files.table(path, {})
-    taken, numbers = columns_of(frame, where, problem, {}, [], ERRORS.values())
+    _, numbers = columns_of(frame, where, problem, {}, [], ERRORS.values())
     ours = {part: [f"{part}[{name}]" for name in names_of(problem)[part]] for part in ERRORS}
     needed = ("t", *ours["u"], *ours["v"])
     if lacking := [name for name in needed if name not in numbers]:
@@ -124,8 +125,8 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
     times = numbers["t"]
     if len(np.unique(times)) < len(times):
         raise ArgumentError(f"{where}: a time is there twice; a reference has one row for each")
-    digits = table_files.most_digits(frame[[taken[name].columns[0] for name in ours["u"]]])
-    usual = numbers.get(TOLERANCE, np.full(len(times), 5.0 * 10.0**-digits if digits else 0.0))
+    digits, _ = digits_of(np.concatenate([numbers[name] for name in ours["u"]]))
+    usual = numbers.get(TOLERANCE, np.full(len(times), 5.0 * 10.0**-digits))
     errors = {}
     for part, name in ERRORS.items():
         errors[part] = numbers.get(name, usual)

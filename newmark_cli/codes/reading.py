@@ -6,8 +6,8 @@ A row is the state of one run at one time.  Columns are named as in `Trajectory.
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
@@ -47,8 +47,6 @@ _UNITS = {"mm": 1e-3, "mm/s": 1e-3, "cm": 1e-2, "cm/s": 1e-2, "ms": 1e-3, "us": 
 _HELP = '; --columns FILE says which are meant, such as "t: \'#1\'", the first, or "h: 0.002"'
 #: Name of a series that the table does not name.
 UNNAMED = "your code"
-#: Lines in which digits are counted, and digits that suffice to judge rounding.
-_LOOKED_AT, _FEW_DIGITS = 200, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +82,8 @@ class Runs:
 
     runs: Sequence[Run]  #: in the order of series, and of sizes from the largest
     abscissa: str  #: ``"h"`` or ``"tolerance"``
-    components: Mapping[str, Sequence[str]]  #: part → names of its components that the table has
     notes: Sequence[str]  #: what was taken for granted, in sentences
-    digits: int = 0  #: most digits of a number, as text; 0 where there is no text
     single: bool = False  #: whether each number of the state is one of single precision
-
-    @property
-    def few_digits(self) -> bool:
-        """Whether numbers were printed with fewer digits than rounding needs."""
-        return 1 < self.digits < _FEW_DIGITS
 
 
 def names_of(problem: Problem) -> dict[str, tuple[str, ...]]:
@@ -140,17 +131,13 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         if name in taken:
             table[name] = frame[taken[name].columns[0]].fillna("").astype(str)
     _refuse_rows(table, abscissa, where, problem.t0)
-    later = frame[(table["t"] > problem.t0).to_numpy()]
-    if not len(later):
+    if not (table["t"] > problem.t0).any():
         raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
-    written = [*dict.fromkeys(chain(*(taken[name].columns for name in state)))]
     as_written = [numbers[name] for name in state if taken[name].is_plain]
     return Runs(
         _runs(table, abscissa, problem, ours, present),
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
-        present,
         notes,
-        table_files.most_digits(later[written].head(_LOOKED_AT)),
         is_single(np.concatenate([np.zeros(0), *as_written])),
     )
 
@@ -314,12 +301,3 @@ def some(names: Iterable[Any]) -> str:
     """The first names of a list, in words."""
     every = [str(name) for name in names]
     return ", ".join(every[:6]) + (f" and {len(every) - 6} more" if len(every) > 6 else "")
-
-
-def changed(runs: Runs, change: Callable[[Run], Mapping[str, Array]], *notes: str) -> Runs:
-    """The same runs with other values of their states."""
-    return replace(
-        runs,
-        runs=[replace(run, state={**run.state, **change(run)}) for run in runs.runs],
-        notes=(*runs.notes, *notes),
-    )

@@ -136,13 +136,6 @@ def _wide(frame: "pd.DataFrame", names: dict[str, Any], where: str) -> "pd.DataF
     return pd.concat([first[others], found.set_axis(first.index, axis=0)], axis=1)
 
 
-def most_digits(frame: "pd.DataFrame") -> int:
-    """Most significant digits of numbers that are text; 0 where there is no text."""
-    texts = (text for text in frame.to_numpy().flat if isinstance(text, str))
-    mantissas = (re.sub(r"[eEdDqQ].*", "", text).strip().lstrip("+-0.") for text in texts)
-    return max((len(mantissa.replace(".", "")) for mantissa in mantissas), default=0)
-
-
 def _file(path: Path) -> "pd.DataFrame":
     import pandas as pd
     from scipy.io import loadmat

@@ -11,7 +11,7 @@ import numpy as np
 
 from newmark_cli.codes.causes import explained, without_solution
 from newmark_cli.codes.changes import FileNumbers, file_of
-from newmark_cli.codes.evidence import PARTS, Finding, OurMarch, Told
+from newmark_cli.codes.evidence import Finding, Told
 from newmark_cli.codes.given_references import reference_at
 from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Runs, names_of, read
 from newmark_cli.codes.solutions import Measured, Solutions
@@ -324,13 +324,12 @@ def _explained(
     file: FileNumbers | None,
 ) -> list[Finding]:
     """Findings on every series."""
-    by_run = {id(one.run): _marched(one) for one in measurements}
     findings: list[Finding] = []
     for label in dict.fromkeys(run.series for run in runs.runs):
         own = [run for run in runs.runs if run.series == label]
         told = _told(runs, own[-1].method, options)
-        marched = [by_run.get(id(run), OurMarch()) for run in own if run.ended and not run.twin]
-        findings += explained(label, own, truth.problem, told, marched, truth, file, runs.single)
+        of = [one for one in measurements if one.run.series == label and not one.run.twin]
+        findings += explained(own, of, told, truth, file, runs.single)
     return findings
 
 
@@ -352,7 +351,7 @@ def _unsolved(runs: Runs, problem: Problem, options: Mapping[str, Any], why: str
     for label in dict.fromkeys(run.series for run in runs.runs):
         own = [run for run in runs.runs if run.series == label]
         told = _told(runs, own[-1].method, options)
-        findings += without_solution(label, own, problem, told, why)
+        findings += without_solution(own, problem.t0, told, why)
     return findings
 
 
@@ -360,18 +359,6 @@ def _unsought(runs: Runs, why: str) -> list[Finding]:
     """What is said where errors are known, and causes are not sought."""
     text = f"{why}: errors are against the reference, and causes are not sought"
     return [Finding("no solution", run.series, text, False) for run in runs.runs[:1]]
-
-
-def _marched(measured: Measured) -> OurMarch:
-    """What rounding and a march of ours leave of a run."""
-    errors = {part: measured.errors.get(("error", part)) for part in PARTS}
-    ours = {part: measured.ours.get(("error", part)) for part in PARTS}
-    misfit = measured.ours.get(("invariant", "position"))
-    return OurMarch(
-        {part: row.statistics.rounding for part, row in errors.items() if row},
-        {part: row.statistics.max for part, row in ours.items() if row},
-        misfit.statistics.max if misfit else math.nan,
-    )
 
 
 def of_files(problem: Problem, table: Path, options: Mapping[str, Any]) -> Judged:
