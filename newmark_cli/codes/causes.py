@@ -406,10 +406,8 @@ def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
     if not hits:
         return
     said = ", ".join(f"{name}: {c:.5g}{f' h^{power}' if power else ''}" for name, c, power in hits)
-    numbers: dict[str, Any] = {
-        "factors": {name: c for name, c, _ in hits},
-        "powers": [x[2] for x in hits],
-    }
+    powers = [power for _, _, power in hits]
+    numbers: dict[str, Any] = {"factors": {name: c for name, c, _ in hits}, "powers": powers}
     problem, told = evidence.problem, evidence.told
     alike = len(hits) == problem.m and len({(f"{c:.3g}", power) for _, c, power in hits}) == 1
     pairs = all((np.abs(np.diff(run.t) - run.size) < 1e-6 * run.size).any()
@@ -422,15 +420,14 @@ def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
         yield evidence.finding("seen", text, told.integrator is None, **numbers)
         return
     times = np.concatenate([run.t[evidence.settled(run)] for run in evidence.runs[-3:]])
-    powers = any(power for _, _, power in hits)
-    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not powers:
+    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not any(powers):
         other = [one for one in _mechanism(evidence, file) if one.name != "seen"]
         if other:
             yield from other
             return
     why = next(filter(None, (levels.reason(evidence, *hit) for hit in hits)), "")
     why = why or "another Φ, unit or scaling of λ"
-    if alike and not powers:
+    if alike and not any(powers):
         why += ", or every mass and force is that many times the mechanism's"
     text = f"λ is a constant times what u and v imply, at all h and t ({said}): {why}"
     yield evidence.finding("factor of λ", text, **numbers)

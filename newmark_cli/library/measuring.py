@@ -18,14 +18,7 @@ from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.problems.problem import Problem
 from newmark_cli.report.judging.slopes import Slope, study_slopes
-from newmark_cli.report.judging.verdicts import (
-    LEAST,
-    MISS,
-    NOT_CONVERGING,
-    PASS,
-    SHOWN,
-    UNDECIDED,
-)
+from newmark_cli.report.judging.verdicts import MISS, NOT_CONVERGING, SHOWN
 from newmark_cli.study import csv_files, replay
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
@@ -34,8 +27,6 @@ from newmark_cli.support.errors import InputError
 
 #: The method that a code is held against where nobody says which it has.
 USUAL = {"integrator": "generalized-alpha rho=0.9", "formulation": "index-3"}
-#: Stands for a method that nobody says: λ of it does not alternate from the start.
-_FORGETTING = {"integrator": "bdf2"}
 #: Twins of a march of this tool's; most steps of all of these, of a problem with one unknown;
 #: and unknowns that make a step twice as long.
 _TWINS, _MOST_STEPS, _UNKNOWNS = 3, 2_000_000, 5
@@ -157,11 +148,10 @@ def slopes(
     for label in dict.fromkeys(m.run.series for m in measurements):
         of = [m for m in measurements if m.run.series == label]
         said = {**options, **of[-1].run.method}
-        held = bool(said.get("integrator"))
-        frame = _frame(of, label, motion.problem, said if held else {**said, **_FORGETTING})
+        frame = _frame(of, label, motion.problem, said)
         of_label = study_slopes(frame, Path(label), {}) if len(frame) else []
-        if not held:
-            of_label = [shown(s) if _has_order(s) else _unheld(s) for s in of_label]
+        if not said.get("integrator"):
+            of_label = [_unexpected(slope) for slope in of_label]
         # Of constraints findings say what is wrong, and whether it is: another code may iterate to
         # another tolerance.
         judged += [
@@ -174,11 +164,11 @@ def slopes(
     return judged
 
 
-def _has_order(slope: Slope) -> bool:
-    """Whether a series has an order, whatever the one of a method that it was held against."""
-    if slope.verdict != UNDECIDED:
-        return slope.verdict in (PASS, MISS)
-    return bool(slope.fit.straight) and int(np.count_nonzero(slope.fitted)) >= LEAST
+def _unexpected(slope: Slope) -> Slope:
+    """A series of a method that nobody says, which may have any order."""
+    if slope.measure != "error" or slope.rejudged is None:
+        return shown(slope)
+    return slope.rejudged(math.nan, None)
 
 
 def _unheld(slope: Slope) -> Slope:

@@ -125,7 +125,7 @@ class SpatialOutputs:
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
         bodies, rates = u.reshape(-1, 4, 3), v.reshape(-1, 4, 3)
-        outputs = list(angular_velocities(bodies[:, 1:], rates[:, 1:]).ravel())
+        outputs = angular_velocities(bodies[:, 1:], rates[:, 1:]).ravel().tolist()
         pushed = self._pushed(problem, t, u, multipliers)
         for i, joint in enumerate(self.joints.values()):
             kind = JOINTS[joint.kind]
