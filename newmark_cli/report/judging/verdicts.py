@@ -110,9 +110,12 @@ def judge(evidence: Evidence) -> Judgement:
         elif evidence.undamped and evidence.values[-1] > _SMALL:
             unclear = joined(unclear, f"off by {evidence.values[-1]:.2g} of its size: {ALTERNATES}")
         shown = _judged(evidence, SHOWN, seen, unclear)
-        # Who holds a series against no order still asks for one.
-        if evidence.written and not (shown.fit.straight and seen.sum() >= LEAST):
-            shown = _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), unclear))
+        if evidence.written:  # against any order, so that there must be one
+            straight = (of for of in _windows(seen) if _fit(evidence, of).straight)
+            if (window := next(straight, None)) is not None:
+                shown = _judged(evidence, SHOWN, window, unclear)
+            else:
+                shown = _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), unclear))
         return judgement if judgement and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for share in (RULED, _CLEAR, alike):
