@@ -120,11 +120,11 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         lacking = "t" if abscissa else "h, tolerance or steps"
         raise ArgumentError(f"{where}: needs a column {lacking}{has}")
     ours = {part: [f"{part}[{name}]" for name in names]
-            for part, names in names_of(problem).items() if names}  # fmt: skip
+            for part, names in names_of(problem).items()}  # fmt: skip
     present = {part: [name for name in names if name in numbers] for part, names in ours.items()}
     state = [*chain(*present.values())]
     if not state:
-        wanted = ", ".join(names[0] for names in ours.values())
+        wanted = ", ".join(names[0] for names in ours.values() if names)
         raise ArgumentError(f"{where}: no column of {problem.name}, such as {wanted}{has}")
     table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **numbers}, index=frame.index)
     for name in TEXTS:

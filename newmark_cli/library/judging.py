@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -270,7 +270,7 @@ def judge(
     try:
         motion.at(max(float(run.t[-1]) for run in runs.runs))  # which says why there is none
         truth = _truth(runs, solved)
-        runs = _undone(runs, solved, truth)
+        runs = undone(runs, truth)
     except NoReference as error:
         if given is not None:
             raise ArgumentError(str(error)) from None
@@ -300,13 +300,6 @@ def judge(
         measurements,
         runs.abscissa,
     )
-
-
-def _undone(runs: Runs, problem: Problem, truth: Truth) -> Runs:
-    """The runs in the mechanism's units, signs and order, which is noted."""
-    restored, notes = undone(runs.runs, problem, truth)
-    said = [f"{series}: {note}" for series, of in notes.items() for note in of]
-    return replace(runs, runs=restored, notes=(*runs.notes, *said))
 
 
 def _truth(runs: Runs, problem: Problem) -> Truth:

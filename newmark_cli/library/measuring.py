@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -54,22 +55,6 @@ def method(options: Mapping[str, Any]) -> dict[str, str]:
     return values
 
 
-@dataclass(frozen=True)
-class _AtHand:
-    """A problem that is there already, as cells have one."""
-
-    problem: Problem
-
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.problem.name
-
-    def load(self) -> Problem:
-        """The problem."""
-        return self.problem
-
-
 def _cell(run: Run, problem: Problem, options: Mapping[str, Any]) -> Cell:
     """The cell that a run is: its method, step size and end."""
     how: dict[str, Any] = method({**options, **run.method})
@@ -77,7 +62,7 @@ def _cell(run: Run, problem: Problem, options: Mapping[str, Any]) -> Cell:
             if name in how}  # fmt: skip
     t_end = float(run.t[-1] - problem.t0)
     return Cell(
-        problem=cast(Any, _AtHand(problem)),
+        problem=cast(Any, SimpleNamespace(label=problem.name, load=lambda: problem)),
         form=OF_CASES["form"],
         preconditioning=Preconditioning(OF_CASES["preconditioning"]),
         h=run.size,
