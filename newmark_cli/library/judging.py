@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from newmark_cli.codes.causes import explained, without_solution
 from newmark_cli.codes.changes import FileNumbers, file_of
 from newmark_cli.codes.evidence import Finding, Told
 from newmark_cli.codes.given_references import reference_at
-from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Runs, names_of, read
+from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Run, Runs, names_of, read
 from newmark_cli.codes.solutions import Measured, Solutions
 from newmark_cli.codes.truth import NoMotion, Truth
 from newmark_cli.codes.undoing import undone
@@ -274,7 +274,12 @@ def judge(
     except NoReference as error:
         if given is not None:
             raise ArgumentError(str(error)) from None
-        return Judged(solved.name, _unsolved(runs, solved, options, str(error)), runs.notes, [])
+        findings = [
+            finding
+            for own, told in _by_series(runs, options)
+            for finding in without_solution(own, solved.t0, told, str(error))
+        ]
+        return Judged(solved.name, findings, runs.notes, [])
     except NoMotion as error:  # errors are against the reference, and causes cannot be sought
         unsolved = str(error)
     measurements = measured(runs, motion, options)
@@ -309,6 +314,13 @@ def _truth(runs: Runs, problem: Problem) -> Truth:
     return Truth(problem, last + min(step, last - problem.t0))
 
 
+def _by_series(runs: Runs, options: Mapping[str, Any]) -> Iterator[tuple[list[Run], Told]]:
+    """Runs of each series, and what the table or the caller says of its code."""
+    for label in dict.fromkeys(run.series for run in runs.runs):
+        own = [run for run in runs.runs if run.series == label]
+        yield own, _told(runs, own[-1].method, options)
+
+
 def _explained(
     runs: Runs,
     measurements: Sequence[Measured],
@@ -318,10 +330,8 @@ def _explained(
 ) -> list[Finding]:
     """Findings on every series."""
     findings: list[Finding] = []
-    for label in dict.fromkeys(run.series for run in runs.runs):
-        own = [run for run in runs.runs if run.series == label]
-        told = _told(runs, own[-1].method, options)
-        of = [one for one in measurements if one.run.series == label and not one.run.twin]
+    for own, told in _by_series(runs, options):
+        of = [m for m in measurements if m.run.series == own[0].series and not m.run.twin]
         findings += explained(own, of, told, truth, file, runs.single)
     return findings
 
@@ -336,16 +346,6 @@ def _told(runs: Runs, of_table: Mapping[str, Any], options: Mapping[str, Any]) -
         how.get("start") == CORRECTED,
         runs.abscissa == STEP_SIZE,
     )
-
-
-def _unsolved(runs: Runs, problem: Problem, options: Mapping[str, Any], why: str) -> list[Finding]:
-    """Findings where the motion has no solution to measure errors against."""
-    findings: list[Finding] = []
-    for label in dict.fromkeys(run.series for run in runs.runs):
-        own = [run for run in runs.runs if run.series == label]
-        told = _told(runs, own[-1].method, options)
-        findings += without_solution(own, problem.t0, told, why)
-    return findings
 
 
 def _unsought(runs: Runs, why: str) -> list[Finding]:

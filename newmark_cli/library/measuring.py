@@ -151,9 +151,11 @@ def slopes(
 
 def _unexpected(slope: Slope) -> Slope:
     """A series of a method that nobody says, which may have any order."""
-    if slope.measure != "error" or slope.rejudged is None:
-        return shown(slope)
-    return slope.rejudged(math.nan, None)
+    if slope.measure == "error" and slope.rejudged is not None:
+        slope = slope.rejudged(math.nan, None)
+        if slope.verdict != SHOWN:
+            return slope
+    return shown(slope)
 
 
 def _unheld(slope: Slope) -> Slope:
