@@ -237,7 +237,8 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         yield Candidate(_name(path), partial(driven, path, start), _share(_name(path)))
     for path in file.places():
         said = partial("{} {:+.5g} m".format, _name(path))
-        yield replace(number([path], _plus, "", said, ()), place=True)
+        turned = (-2 * file.at(path),) if file.at(path) else ()
+        yield replace(number([path], _plus, "", said, turned), place=True)
 
 
 def _of_number(problem: Problem, less: Problem, c: float) -> Force:

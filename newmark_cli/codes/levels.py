@@ -1,6 +1,7 @@
 """Causes that Φ and λ tell: lengths, drift, Newton's iteration, factors of λ."""
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -31,7 +32,8 @@ def length(evidence: SeriesErrors) -> Iterator[Finding]:
     if not hit.any():
         return
     k = int(np.argmax(np.where(hit, np.abs(mean), 0.0)))
-    missed = float(mean[k] * evidence.scale["u"])
+    whole, end = _gradient(evidence, k)
+    missed = float(mean[k] * evidence.scale["u"]) * whole / end
     names = problem.constraint_names
     said = f"Φ of {', '.join(np.array(names)[hit])} is missed by {missed:.3g} m at every h"
     # A penalty misses all of them, but for those that keep a body rigid, and by what λ is then.
@@ -242,12 +244,17 @@ def reason(evidence: SeriesErrors, name: str, factor: float, power: int) -> str:
     for (value, of_power), why in _KNOWN.items():
         if power == of_power and abs(factor / value - 1) < 0.02:
             return why
-    problem = evidence.problem
-    column = problem.constraint_names.index(name)
-    end = evidence.reference[-1]["u"][-1]
-    G = problem.evaluate(evidence.end, end, np.zeros(problem.n), np.zeros(problem.m)).G[:, column]
-    dimensions = 2 if problem.n % 3 else 3
-    ends = np.linalg.norm(G.reshape(-1, dimensions), axis=1) if problem.n % dimensions == 0 else G
-    if power == 0 and abs(factor / max(float(np.abs(ends).max()), 1e-300) - 1) < 0.02:
+    _, end = _gradient(evidence, evidence.problem.constraint_names.index(name))
+    if power == 0 and abs(factor / end - 1) < 0.02:
         return "Φ is a length, |Δ| − L in place of ½(|Δ|² − L²)"
     return ""
+
+
+def _gradient(evidence: SeriesErrors, k: int) -> tuple[float, float]:
+    """|G_k| at the end of the motion, and that of its point with the largest: Δ of a bar."""
+    problem, u = evidence.problem, evidence.reference[-1]["u"][-1]
+    G = problem.evaluate(evidence.end, u, np.zeros(problem.n), np.zeros(problem.m)).G[:, k]
+    points = [name.rpartition(".")[0] for name in problem.coordinate_names]
+    squares = {point: sum(g * g for g, of in zip(G, points, strict=True) if of == point)
+               for point in points}  # fmt: skip
+    return float(np.linalg.norm(G)), max(math.sqrt(max(squares.values())), 1e-300)

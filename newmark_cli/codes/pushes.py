@@ -23,6 +23,8 @@ _GRID, _APART = 400, 1e-6
 #: What an explanation may leave of u and v, and where terms of higher order are large; others must
 #: leave more than so many times as much.
 _LEAVES, _MOST, _WORSE = 0.2, 0.35, 3.0
+#: Times more that one of two changes that are alike may leave.
+_ALIKE = 2.0
 
 _SAYS = {
     "averaging":
@@ -122,6 +124,9 @@ def _allowed(evidence: SeriesErrors) -> float:
 def _same(one: _Tried, other: _Tried) -> bool:
     """Whether two are one change, where one of them has a free number or is part of the other."""
     names = {one.name.partition("/")[0], other.name.partition("/")[0]}
+    if "averaging" in names and names & {"backward Euler", "forward Euler"}:
+        # Weights that are off by about 1 are those of Euler's methods, but for the first step.
+        return max(one.left, other.left) < _ALIKE * min(one.left, other.left)
     return one is other or (one.name != "averaging" and names <= {"old force", "averaging"})
 
 

@@ -351,6 +351,21 @@ def test_directions_and_places_are_numbers_too(key, value, said):
     assert said in fault.text
 
 
+def test_a_place_on_the_wrong_side_is_told():
+    walls = [{**CART, "points": CART["points"] | {"W": {"fixed": [x, 0.25]}}} for x in (-1, 1)]
+    (fault,) = judged(cart(walls[1]), walls[0], **BDF2).faults
+    assert fault.evidence["changes"] == {"points.W.fixed.0": pytest.approx(2.0, rel=1e-3)}
+
+
+def test_a_length_is_told_by_how_much_it_differs():
+    """A bar between two points that move, whose start has that length, too."""
+    long = {**CART, "bars": {"rod": {"from": "C", "to": "P", "length": 0.51}}}
+    long["points"] = CART["points"] | {"P": CART["points"]["P"] | {"at": [0.306, -0.408]}}
+    (fault,) = judged(cart(long), CART, **BDF2).faults
+    assert fault.name == "length"
+    assert fault.evidence["misfit"] == pytest.approx(0.01, rel=0.02)
+
+
 def test_a_number_is_named_in_tables_of_tolerances():
     table = cart(with_number(("springs", "coil", "stiffness"), 1.1))
     table["tolerance"] = table.pop("h").replace(
