@@ -34,6 +34,8 @@ _SAMPLES, _COUNTED = 60, 400
 _FADED = 1e-2
 #: Orders that differences may have.
 _POWERS = np.linspace(1, 5, 81)
+#: Truncation, over the size of a part, from which on nothing tells where runs converge to.
+_COARSE = 0.05
 #: Least error of λ with which it converges elsewhere by itself.
 _OF_MULTIPLIERS = 1e-5
 _EPS = float(np.finfo(float).eps)
@@ -256,13 +258,12 @@ class SeriesErrors:
         """Whether it converges, to something that is not the solution."""
         if not self.has[part] or len(self.runs) < 2:
             return False
-        last = self.last(part)
+        last, bound = self.last(part), self.bound(part)
         factor = 3 if len(self.runs) > 2 else 10
         # Multipliers scatter by more than differences of two step sizes tell.
         least, factor = (_OF_MULTIPLIERS, 3 * factor) if part == "lambda" else (0.0, factor)
-        return bool(
-            last[-1] > max(factor * self.bound(part), least) and last.min() > 0.3 * last[-1]
-        )
+        away = last[-1] > max(factor * bound, least) and last.min() > 0.3 * last[-1]
+        return bool(away and bound < _COARSE)
 
     def order(self, part: str) -> tuple[float, float]:
         """Order over the smallest step sizes above the floors, and how far local ones scatter.
