@@ -192,7 +192,8 @@ def _failures(runs: Sequence["Run"], told: Told) -> list[Finding]:
 def _numbers(evidence: SeriesErrors) -> Iterator[Finding]:
     worst = max((evidence.resolution[part] for part in PARTS if evidence.has[part]), default=0.0)
     if evidence.single:
-        text = "every number of the state is one of single precision: compute and print in double "
+        parts = " and ".join(SYMBOLS[part] for part in evidence.single)
+        text = f"every number of {parts} is one of single precision: compute and print in double "
         yield evidence.finding("single precision", f"{text}precision")
     elif worst > 1e-13:
         text = f"printed to {worst:.0e} of their size: errors below are not judged; print 17 digits"
@@ -251,7 +252,7 @@ def _start(evidence: SeriesErrors) -> Iterator[Finding]:
             if not len(at) or not evidence.has[part] or (part == "v" and evidence.told.corrected):
                 continue
             off = np.abs(evidence.error(part, k)[at[0]])
-            allowed = 1e-6 if evidence.single else 3 * evidence.resolution[part] + 1e-9
+            allowed = 1e-6 if part in evidence.single else 3 * evidence.resolution[part] + 1e-9
             if not (np.isfinite(off).all() and off.max() > allowed):
                 continue
             place = int(np.flatnonzero(evidence.known[part])[off.argmax()])
@@ -303,7 +304,9 @@ def _late(evidence: SeriesErrors) -> Iterator[Finding]:
             continue
         for c in _SHIFTS:
             left = [_left_at(evidence, parts, c, k) for k in range(-3, 0)]
-            if max(left) <= 2 * _LEFT and left[-1] <= _LEFT:
+            # No change of a step leaves v with order 1 and u with order 2.
+            apart = parts == ("v",) and evidence.order("u")[0] > 1.5
+            if max(left) <= 2 * _LEFT and left[-1] <= (2 * _LEFT if apart else _LEFT):
                 yield _of_time(evidence, parts, c, left[-1])
                 return
 

@@ -32,7 +32,7 @@ _GEOMETRY = {"at", "velocity", "fixed", "length", "through", "direction", "posit
 _PLACES = (("points", "fixed"), ("body_points", "at"))
 #: Misfit of Φ by which a place is one of a constraint.
 _MISFIT = 1e-9
-#: Vectors that change as a whole.
+#: Vectors that change as a whole, and by component where there are several.
 _WHOLE = ("gravity",)
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
@@ -117,7 +117,7 @@ def _numbers(value: Any, path: Path) -> Iterator[Path]:
             continue
         if key in _WHOLE or (key == "inertia" and isinstance(item, list | tuple)):
             yield (*path, key)
-        if key in _WHOLE:
+        if key in _WHOLE and sum(map(bool, item)) < 2:
             continue
         if isinstance(item, int | float) and not isinstance(item, bool):
             if item:

@@ -168,6 +168,7 @@ class SeriesErrors:
         reference: Of each run, the solution at its rows.
         known: Part → (size,) components that all runs have at their ends.
         has, whole: Part → whether there are any, and whether these are all.
+        single: Parts of which every number is one of single precision.
         resolution: Part → what printing leaves of a number, over the size of its part.
     """
 
@@ -196,8 +197,10 @@ class SeriesErrors:
         self.whole = {part: bool(known.size and known.all()) for part, known in self.known.items()}
         self._fading = fading(told.integrator) if told.integrator else 0.0
         # Round numbers are of any precision, and so is the start.
-        after = [run.state[part][run.t > self.t0].ravel() for run in self.runs for part in PARTS]
-        self.single = single or is_single(np.concatenate(after))
+        after = {part: [run.state[part][run.t > self.t0].ravel() for run in self.runs]
+                 for part in PARTS}  # fmt: skip
+        self.single = [part for part in PARTS if self.has[part]
+                       and (single or is_single(np.concatenate(after[part])))]  # fmt: skip
         self.resolution = {part: printed(self.runs, part, self.t0) for part in PARTS}
 
     def finding(self, name: str, text: str, fault: bool = True, **numbers: Any) -> Finding:

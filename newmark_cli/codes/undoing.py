@@ -15,11 +15,11 @@ from scipy.optimize import linear_sum_assignment
 from newmark_cli.codes.reading import Run, Runs, names_of
 from newmark_cli.codes.truth import Truth
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array, IndexArray, Mask
+from newmark_cli.support.arrays import Array, IndexArray
 
-#: Units of length and time that people use, over m and s.
-_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet"}
-_DEGREES = 180 / np.pi
+#: How many of a unit that people use a metre or a radian is.
+_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet",
+          180 / np.pi: "degrees"}  # fmt: skip
 #: Runs of the smallest step sizes that are compared, at so many rows after the first steps.
 _RUNS, _ROWS = 2, 8
 #: Part of the largest value from which on a component tells something; how well a factor fits.
@@ -121,15 +121,17 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     factor = (mine * there).sum(axis=0) / np.maximum((there**2).sum(axis=0), 1e-300)
     left = np.abs(mine - factor * there).max(axis=0) / np.maximum(np.abs(mine).max(axis=0), 1e-300)
     fits = telling & (left < _FITS)
-    if part in ("u", "v") and telling.any() and fits[telling].all():
-        for value, unit in _UNITS.items():
-            if (np.abs(factor[telling] / value - 1) < 0.03).all():
-                text = (f"{part} is {value:g} times as large, and taken to be in {unit}"
-                        f"{'/s' if part == 'v' else ''}")  # fmt: skip
-                yield Undone(part, text, partial(np.multiply, 1 / value))
-    if part in ("u", "v"):
-        yield from _in_degrees(part, names, fits & (np.abs(factor / _DEGREES - 1) < 0.03),
-                               telling, factor)  # fmt: skip
+    for value, unit in _UNITS.items() if part in ("u", "v") else ():
+        hit = fits & (np.abs(factor / value - 1) < 0.03)
+        if not hit.any() or (np.abs(factor - 1)[telling & ~hit] > 0.1).any():
+            continue
+        said = f"taken to be in {unit}{'/s' if part == 'v' else ''}"
+        if (hit == telling).all() and unit != "degrees":
+            hit = known  # what tells nothing goes with the others
+            text = f"{part} is {value:g} times as large, and {said}"
+        else:
+            text = f"{part} of {', '.join(np.array(names)[hit])} is {said}"
+        yield Undone(part, text, partial(np.multiply, np.where(hit, 1 / value, 1.0)))
     turned = fits & (np.abs(factor + 1) < _FITS)
     others = telling & ~turned
     # Of coordinates all others must be right: else the motion is another one.
@@ -147,17 +149,6 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
         order, listed = np.argsort(place), ", ".join(names[k] for k in place)
         text = f"{_WORDS[part]} are in the order {listed}"
         yield Undone(part, text, lambda x: x[:, order])
-
-
-def _in_degrees(
-    part: str, names: Sequence[str], angles: Mask, telling: Mask, factor: Array
-) -> Iterator[Undone]:
-    """Angles in degrees, where all other coordinates are right."""
-    others = telling & ~angles
-    if angles.any() and (np.abs(factor - 1)[others] < 0.1).all():
-        of = ", ".join(name for name, it in zip(names, angles, strict=True) if it)
-        text = f"{part} of {of} is taken to be in degrees{'/s' if part == 'v' else ''}"
-        yield Undone(part, text, lambda x: x / np.where(angles, _DEGREES, 1.0))
 
 
 def _turned(part: str, names: Sequence[str]) -> str:

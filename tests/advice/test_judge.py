@@ -351,6 +351,12 @@ def test_directions_and_places_are_numbers_too(key, value, said):
     assert said in fault.text
 
 
+def test_a_component_of_gravity_is_a_number_too():
+    slope = {**CART, "gravity": [1.2, -9.7]}
+    (fault,) = judged(cart({**CART, "gravity": [1.1, -9.7]}), slope, **BDF2).faults
+    assert fault.evidence["changes"] == {"gravity.0": pytest.approx(1.1 / 1.2 - 1, rel=1e-3)}
+
+
 def test_a_place_on_the_wrong_side_is_told():
     walls = [{**CART, "points": CART["points"] | {"W": {"fixed": [x, 0.25]}}} for x in (-1, 1)]
     (fault,) = judged(cart(walls[1]), walls[0], **BDF2).faults
@@ -433,6 +439,26 @@ def test_single_precision_is_told_by_nine_digits():
     assert fault.name == "single precision"
 
 
+def test_coordinates_that_are_stored_in_single_precision_are_no_other_length():
+    table = swings()
+    places = [name for name in table if name[0] == "u"]
+    table[places] = table[places].astype(np.float32)
+    (fault,) = judged(table, THROWN).faults
+    assert fault.name == "single precision"
+    assert fault.text.startswith("every number of u is one of single precision")
+
+
+def test_velocities_of_half_a_step_before_are_told_of_a_code_of_order_2():
+    """Also where 16 % of their error is something else: no change of a step does it to v only."""
+    table = cart(rows=range(321))
+    rates = [name for name in table if name[0] == "v"]
+    before = table.groupby("h")[rates].shift(1)
+    table[rates] = 0.57 * table[rates] + 0.43 * before
+    (fault,) = judged(table.dropna(), CART).faults
+    assert (fault.name, fault.evidence["parts"], fault.evidence["shift"]) == ("late", ["v"], -0.5)
+    assert fault.evidence["left"] == pytest.approx(0.07 / 0.43, rel=0.05)
+
+
 def test_rows_of_the_next_step_are_no_other_start():
     table = cart(rows=range(321))
     state = [name for name in table if name[0] in "uvl"]
@@ -457,6 +483,10 @@ def test_exchanged_columns_and_degrees_are_undone():
     found = judged(table, document, **BDF2)
     assert not found.faults
     assert any("u of arm.angle is taken to be in degrees" in note for note in found.notes)
+    table = cart().assign(**{"u[P.x]": 1e3 * cart()["u[P.x]"]})
+    found = judged(table, CART, **BDF2)
+    assert not found.faults
+    assert any("u of P.x is taken to be in mm" in note for note in found.notes)
     swapped = cart().rename(columns={"v[P.x]": "v[P.y]", "v[P.y]": "v[P.x]"})
     found = judged(swapped, CART, **BDF2)
     assert not found.faults
