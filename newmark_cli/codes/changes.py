@@ -165,12 +165,14 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
     size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
     drag = share("a drag −c v", partial(_against, lambda u, v: size * v), ())
     yield replace(drag, said=lambda c: f"a drag −c v, c = {c * size:.3g}")
-    if problem.m:
-        name = "κ of Gᵀa + κ = 0 (centrifugal terms)"
-        yield share(name, lambda c: {"curvature": (1 + c, 1.0)}, (-1.0, -2.0))
+    right = not any(evidence.elsewhere(part) for part in ("u", "v"))
+    terms = {"κ of Gᵀa + κ = 0 (centrifugal terms)": lambda c: (1 + c, 1.0)}
     if file is not None and file.document.get("motions"):
-        name = "the acceleration of the motions"
-        yield share(name, lambda c: {"curvature": (1.0, 1 + c)}, (-1.0, -2.0))
+        terms["the acceleration of the motions"] = lambda c: (1.0, 1 + c)
+    for name, of in terms.items():
+        yield share(name, partial(_less_curved, of, False), (-1.0, -2.0))
+        if right:
+            yield share(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
     if not evidence.starts:
         yield share("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
@@ -178,6 +180,13 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
 def _against(push: Callable[[Array, Array], Array], c: float) -> dict[str, Any]:
     """A further force −c times what a function of u and v gives."""
     return {"force": lambda t, u, v: -c * push(u, v)}
+
+
+def _less_curved(
+    of: Callable[[float], tuple[float, float]], recovered: bool, c: float
+) -> dict[str, Any]:
+    """Other factors of κ."""
+    return {"curvature": of(c), "recovered": recovered}
 
 
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:

@@ -459,6 +459,23 @@ def test_velocities_of_half_a_step_before_are_told_of_a_code_of_order_2():
     assert fault.evidence["left"] == pytest.approx(0.07 / 0.43, rel=0.05)
 
 
+def test_multipliers_without_centrifugal_terms_are_told_where_u_and_v_are_right():
+    """λ of M a = f + G λ, Gᵀa = 0 at the states of a march."""
+    problem, table = newmark.problem(CART), cart()
+    u, v = (table[[f"{part}[{name}]" for name in problem.coordinate_names]] for part in "uv")
+    for row in table.index:
+        none = np.zeros(problem.m)
+        x = problem.evaluate(table["t"][row], u.loc[row].to_numpy(), v.loc[row].to_numpy(), none)
+        inverse = np.linalg.inv(problem.M)
+        implied = np.linalg.solve(x.G.T @ inverse @ x.G, -x.G.T @ inverse @ x.force)
+        for name, value in zip(problem.constraint_names, implied, strict=True):
+            table.loc[row, f"lambda[{name}]"] = value
+    (fault,) = judged(table, CART, **BDF2).faults
+    assert fault.evidence["changes"] == {
+        "κ of Gᵀa + κ = 0 (centrifugal terms) in λ": pytest.approx(-1, rel=1e-3)
+    }
+
+
 def test_rows_of_the_next_step_are_no_other_start():
     table = cart(rows=range(321))
     state = [name for name in table if name[0] in "uvl"]
