@@ -50,7 +50,6 @@ def explained(
     told: Told,
     truth: Truth,
     file: FileNumbers | None = None,
-    single: bool = False,
 ) -> list[Finding]:
     """Findings on one series.
 
@@ -60,12 +59,11 @@ def explained(
         told: What the caller says of the code.
         truth: The solution, until a step after the last row.
         file: The mechanism's file, whose numbers may be changed; None of other problems.
-        single: Whether every number is one of single precision.
     """
     found = _failures(runs, told)
     if not measured:
         return found
-    evidence = SeriesErrors(measured, told, single, truth)
+    evidence = SeriesErrors(measured, told, truth)
     found += _numbers(evidence)
     if told.steps:
         found += [*_clock(evidence), *_unstable(evidence)]

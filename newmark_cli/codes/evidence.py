@@ -157,7 +157,6 @@ class SeriesErrors:
     Args:
         measured: Its runs that ended, twins aside, by descending sizes.
         told: What the caller says of the code.
-        single: Whether every number of the table is one of single precision.
         truth: The solution, until after the last row of any run.
 
     Attributes:
@@ -172,9 +171,7 @@ class SeriesErrors:
         resolution: Part → what printing leaves of a number, over the size of its part.
     """
 
-    def __init__(
-        self, measured: Sequence["Measured"], told: Told, single: bool, truth: Truth
-    ) -> None:
+    def __init__(self, measured: Sequence["Measured"], told: Told, truth: Truth) -> None:
         self.problem, self.told, self.truth = truth.problem, told, truth
         self.t0, self.end = truth.problem.t0, max(float(of.run.t[-1]) for of in measured)
         step = max(of.run.size for of in measured) if told.steps else 0.1 * (self.end - self.t0)
@@ -199,8 +196,7 @@ class SeriesErrors:
         # Round numbers are of any precision, and so is the start.
         after = {part: [run.state[part][run.t > self.t0].ravel() for run in self.runs]
                  for part in PARTS}  # fmt: skip
-        self.single = [part for part in PARTS if self.has[part]
-                       and (single or is_single(np.concatenate(after[part])))]  # fmt: skip
+        self.single = [part for part in PARTS if is_single(np.concatenate(after[part]))]
         self.resolution = {part: printed(self.runs, part, self.t0) for part in PARTS}
 
     def finding(self, name: str, text: str, fault: bool = True, **numbers: Any) -> Finding:

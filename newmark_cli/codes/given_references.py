@@ -16,7 +16,7 @@ import numpy as np
 
 from newmark_cli.codes import table_files
 from newmark_cli.codes.evidence import digits_of
-from newmark_cli.codes.reading import TOLERANCE, columns_of, names_of, some
+from newmark_cli.codes.reading import SAME_TIME, TOLERANCE, columns_of, names_of, some
 from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.invariants import misfits
 from newmark_cli.problems import multipliers
@@ -28,8 +28,6 @@ from newmark_cli.support.errors import ArgumentError
 
 #: Part of the state → column of its relative error.
 ERRORS = {part: f"error[{part}]" for part in ("u", "v", "lambda")}
-#: Times that differ by less, over their size, are the same.
-_SAME_TIME = 1e-11
 #: Part of its size by which u may miss constraints; digits explain less.
 _WORST = 1e-3
 #: Times that an error names; the least error, which is rounding.
@@ -143,7 +141,7 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
     def of(since: float) -> Reference:
         t = problem.t0 + since
         row = int(np.abs(times - t).argmin())
-        if abs(times[row] - t) <= _SAME_TIME * max(1.0, abs(t)):
+        if abs(times[row] - t) <= SAME_TIME * max(1.0, abs(t)):
             state = {part: np.array([x[row] for x in values]) for part, values in states.items()}
             missed = misfits(problem, t, state["u"], state["v"])["position"] if problem.m else None
             if missed is not None and missed.error > _WORST * missed.sizes[0]:
@@ -152,7 +150,7 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
                     f"{problem.name} by {missed.error:.1g}: it is of another problem or unit"
                 )
             return _reference(problem, t, state, {part: errors[part][row] for part in errors})
-        if abs(since) > _SAME_TIME:
+        if abs(since) > SAME_TIME:
             listed = ", ".join(f"{time:g}" for time in times[:_MOST_NAMED])
             more = f" and {len(times) - _MOST_NAMED} more" if len(times) > _MOST_NAMED else ""
             raise NoReference(f"{where}: no reference at t = {t:.10g}; has t = {listed}{more}")

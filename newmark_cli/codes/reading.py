@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from newmark_cli.codes import table_files
-from newmark_cli.codes.evidence import is_single
 from newmark_cli.codes.formulas import Formula, column, formula
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, shown
@@ -45,6 +44,8 @@ _UNITS = {"mm": 1e-3, "mm/s": 1e-3, "cm": 1e-2, "cm/s": 1e-2, "ms": 1e-3, "us": 
           "deg": math.pi / 180, "deg/s": math.pi / 180}  # fmt: skip
 #: What may help where a table lacks columns.
 _HELP = '; --columns FILE says which are meant, such as "t: \'#1\'", the first, or "h: 0.002"'
+#: Times that differ by less, over their size, are the same.
+SAME_TIME = 1e-11
 #: Name of a series that the table does not name.
 UNNAMED = "your code"
 
@@ -83,7 +84,6 @@ class Runs:
     runs: Sequence[Run]  #: in the order of series, and of sizes from the largest
     abscissa: str  #: ``"h"`` or ``"tolerance"``
     notes: Sequence[str]  #: what was taken for granted, in sentences
-    single: bool = False  #: whether each number of the state is one of single precision
 
 
 def names_of(problem: Problem) -> dict[str, tuple[str, ...]]:
@@ -122,8 +122,7 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     ours = {part: [f"{part}[{name}]" for name in names]
             for part, names in names_of(problem).items()}  # fmt: skip
     present = {part: [name for name in names if name in numbers] for part, names in ours.items()}
-    state = [*chain(*present.values())]
-    if not state:
+    if not any(present.values()):
         wanted = ", ".join(names[0] for names in ours.values() if names)
         raise ArgumentError(f"{where}: no column of {problem.name}, such as {wanted}{has}")
     table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **numbers}, index=frame.index)
@@ -133,12 +132,10 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
     _refuse_rows(table, abscissa, where, problem.t0)
     if not (table["t"] > problem.t0).any():
         raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
-    as_written = [numbers[name] for name in state if taken[name].is_plain]
     return Runs(
         _runs(table, abscissa, problem, ours, present),
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
         notes,
-        is_single(np.concatenate([np.zeros(0), *as_written])),
     )
 
 

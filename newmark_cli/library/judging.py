@@ -332,7 +332,7 @@ def _explained(
     findings: list[Finding] = []
     for own, told in _by_series(runs, options):
         of = [m for m in measurements if m.run.series == own[0].series and not m.run.twin]
-        findings += explained(own, of, told, truth, file, runs.single)
+        findings += explained(own, of, told, truth, file)
     return findings
 
 
