@@ -173,7 +173,7 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         yield share(name, partial(_less_curved, of, False), (-1.0, -2.0))
         if right:
             yield share(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
-    if not evidence.starts:
+    if evidence.start is None:
         yield share("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
 

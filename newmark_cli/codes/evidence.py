@@ -324,11 +324,6 @@ class SeriesErrors:
         return float(max(1.0, steps**2) * self._fading**steps)
 
     @cached_property
-    def starts(self) -> bool:
-        """Whether a run has the row of t = 0."""
-        return any(abs(run.t[0] - self.t0) < 1e-11 for run in self.runs)
-
-    @cached_property
     def start(self) -> tuple[Array, Array] | None:
         """Start (n,) u and v in the row of t = 0, where it has all of them."""
         run = self.runs[-1]
