@@ -233,7 +233,8 @@ class SeriesErrors:
     def bound(self, part: str) -> float:
         """Error that truncation may leave at the smallest h.
 
-        It is that of order 1, or of the order on which differences of successive step sizes agree.
+        It is that of order 1, or of the order on which differences of successive step sizes agree;
+        two differences, with the integrator that is named.
         """
         ends = np.array([run.t[-1] for run in self.runs])
         same = np.flatnonzero(np.abs(ends - ends[-1]) < 0.1 * self.h[-1])[-4:]
@@ -246,11 +247,14 @@ class SeriesErrors:
         ])  # fmt: skip
         left = gaps / (h[:-1] / h[1:] - 1) * h[-1] / h[1:]
         bound, floor = float(left[-2:].max()), float(self.floor(part)[-1])
-        if len(gaps) == 3 and (gaps > 3 * floor).all():
-            found = [order_of(h[i : i + 3], gaps[i : i + 2], gaps[i : i + 2] > 0) for i in (0, 1)]
-            if abs(found[0] - found[1]) < 0.3 and found[1] > 1.3:
-                p = min(found) - 0.3
-                bound = min(bound, 1.5 * gaps[-1] * h[-1] ** p / (h[-2] ** p - h[-1] ** p))
+        found = [order_of(h[i : i + 3], gaps[i : i + 2], gaps[i : i + 2] > 0)
+                 for i in range(len(gaps) - 1)]  # fmt: skip
+        if len(found) == 1 and self.told.order:
+            found.append(float(self.told.order))
+        agree = len(found) == 2 and abs(found[0] - found[1]) < 0.3 and found[1] > 1.3
+        if agree and (gaps > 3 * floor).all():
+            p = min(found) - 0.3
+            bound = min(bound, 1.5 * gaps[-1] * h[-1] ** p / (h[-2] ** p - h[-1] ** p))
         return bound + floor
 
     def elsewhere(self, part: str) -> bool:
@@ -280,15 +284,18 @@ class SeriesErrors:
         return slope, float(np.ptp(local[-2:]) + abs(local[-1] - local.mean()))
 
     def misfit(self, run: int, rate: bool = False) -> Array:
-        """(rows, m) Φ_k / |G_k| over the size of u; of Φ′ over that of v."""
-        of, missed = self.runs[run], []
+        """(rows, m) Φ_k over the size of u and over |G_k| in the last row; Φ′ over that of v.
+
+        |G_k| may change along the motion, and another length is missed by the same Φ_k.
+        """
+        of, missed, G = self.runs[run], [], np.zeros((self.problem.n, self.problem.m))
         for t, u, v in zip(of.t, of.state["u"], of.state["v"], strict=True):
             x = self.problem.evaluate(float(t), u, np.nan_to_num(v), np.zeros(self.problem.m))
-            value = x.phi
+            value, G = x.phi, x.G
             if rate:
-                value = x.G.T @ v + self.problem.constraint_derivatives(float(t), u, v)[0]
-            missed.append(value / np.maximum(np.linalg.norm(x.G, axis=0), 1e-300))
-        size = self.scale["v" if rate else "u"]
+                value = G.T @ v + self.problem.constraint_derivatives(float(t), u, v)[0]
+            missed.append(value)
+        size = self.scale["v" if rate else "u"] * np.maximum(np.linalg.norm(G, axis=0), 1e-300)
         return np.asarray(np.array(missed).reshape(-1, self.problem.m) / size)
 
     def implied(self, run: int) -> Array:
