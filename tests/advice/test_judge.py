@@ -372,6 +372,36 @@ def test_a_length_is_told_by_how_much_it_differs():
     assert fault.evidence["misfit"] == pytest.approx(0.01, rel=0.02)
 
 
+def slot(offset):
+    """A block in a slot of an arm that turns, beside the arm's line."""
+    return {
+        "points": {
+            "O": {"fixed": [0, 0]},
+            "A": {"at": [0.5, 0], "velocity": [0, 1.5]},
+            "S": {"at": [0.28, offset], "mass": 0.6, "velocity": [0.5 - 3 * offset, 0.84]},
+        },
+        "bodies": {"arm": {"from": "O", "to": "A", "length": 0.5, "mass": 1, "inertia": 0.02}},
+        "sliders": {
+            "slot": {"point": "S", "on": "arm", "through": [0, offset], "direction": [1, 0]}
+        },
+        "springs": {"coil": {"from": "A", "to": "S", "stiffness": 60, "rest_length": 0.3}},
+        "gravity": [0, -9.81],
+    }
+
+
+def test_a_place_of_a_slot_is_missed_alike_while_the_gradient_changes():
+    (fault,) = judged(cart(slot(0.03)), slot(0.04), **BDF2).faults
+    assert fault.name == "length"
+    assert "Φ of sliders.slot is missed" in fault.text
+    assert abs(fault.evidence["misfit"]) == pytest.approx(0.01, rel=0.05)
+
+
+def test_two_differences_of_the_named_order_tell_numbers_apart():
+    table = cart(with_number(("springs", "coil", "stiffness"), 1.01))
+    (fault,) = judged(table[table["h"] > 0.002], CART, **BDF2).faults
+    assert fault.evidence["changes"] == {"springs.coil.stiffness": pytest.approx(0.01, rel=1e-2)}
+
+
 def test_a_number_is_named_in_tables_of_tolerances():
     table = cart(with_number(("springs", "coil", "stiffness"), 1.1))
     table["tolerance"] = table.pop("h").replace(
