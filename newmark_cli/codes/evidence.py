@@ -121,7 +121,7 @@ def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
 def is_single(numbers: Array) -> bool:
     """Whether all are numbers of single precision, as they are or printed with 9 digits.
 
-    Zeros, and what has three decimals, are of any.
+    Zeros, what has three decimals, and what does not change are of any.
     """
     telling = numbers[np.isfinite(numbers)]
     telling = telling[telling != np.round(telling, 3)]
@@ -130,7 +130,7 @@ def is_single(numbers: Array) -> bool:
     same = telling == single
     # Nine digits tell all numbers of single precision apart, and codes print no more of them.
     same[~same] = np.char.mod("%.9g", single[~same]).astype(float) == telling[~same]
-    return bool(len(telling)) and bool(same.all())
+    return len(np.unique(telling)) > 2 and bool(same.all())
 
 
 def order_of(h: Array, gaps: Array, clear: Mask) -> float:

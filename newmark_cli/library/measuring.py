@@ -140,7 +140,7 @@ def slopes(
         # Of constraints findings say what is wrong, and whether it is: another code may iterate to
         # another tolerance.
         judged += [
-            replace(_unheld(s), verdict=SHOWN)
+            shown(s, s.reason)
             if s.measure == "invariant" and s.verdict in (MISS, NOT_CONVERGING) else s
             for s in of_label
         ]  # fmt: skip
@@ -158,14 +158,9 @@ def _unexpected(slope: Slope) -> Slope:
     return shown(slope)
 
 
-def _unheld(slope: Slope) -> Slope:
-    """A series that is held against no order."""
-    return replace(slope, expected=math.nan, tolerance=math.nan)
-
-
-def shown(slope: Slope) -> Slope:
-    """A series that is measured and not judged."""
-    return replace(_unheld(slope), verdict=SHOWN, reason="")
+def shown(slope: Slope, reason: str = "") -> Slope:
+    """A series that is measured, and held against no order."""
+    return replace(slope, expected=math.nan, tolerance=math.nan, verdict=SHOWN, reason=reason)
 
 
 def _frame(
