@@ -6,7 +6,7 @@ the motion, the constraints, and λ last.  What no rule explains is only said to
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
     Finding,
-    OurMarch,
     SeriesErrors,
     Told,
     is_single,
@@ -25,11 +24,11 @@ from newmark_cli.codes.evidence import (
 )
 from newmark_cli.codes.pushes import first_order
 from newmark_cli.codes.truth import NoMotion, Truth
-from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 
 if TYPE_CHECKING:
     from newmark_cli.codes.reading import Run
+    from newmark_cli.codes.solutions import Measured
 
 #: Steps after which a count of iterations that is no less is a sum.
 _FEW = 20
@@ -46,69 +45,61 @@ _NAMED = 4
 
 
 def explained(
-    label: str,
     runs: Sequence["Run"],
-    problem: Problem,
+    measured: Sequence["Measured"],
     told: Told,
-    marched: Sequence[OurMarch],
     truth: Truth,
     file: FileNumbers | None = None,
-    single: bool = False,
 ) -> list[Finding]:
     """Findings on one series.
 
     Args:
-        label: What findings call it.
         runs: All its runs, by descending sizes.
-        problem: What was solved.
+        measured: Those that ended, twins aside, with their errors.
         told: What the caller says of the code.
-        marched: What a march of ours leaves, of each run that ended, twins aside.
         truth: The solution, until a step after the last row.
         file: The mechanism's file, whose numbers may be changed; None of other problems.
-        single: Whether every number is one of single precision.
     """
-    found = _failures(label, runs, told)
-    ended = [run for run in runs if run.ended and not run.twin]
-    if not ended:
+    found = _failures(runs, told)
+    if not measured:
         return found
-    evidence = SeriesErrors(ended, problem, told, marched, single, truth)
-    found += [*_numbers(evidence, label)]
+    evidence = SeriesErrors(measured, told, truth)
+    found += _numbers(evidence)
     if told.steps:
-        found += [*_clock(evidence, label), *_unstable(evidence, label)]
+        found += [*_clock(evidence), *_unstable(evidence)]
         if _named(found, "unstable"):
             return found
         if evidence.stopped:
             sizes = ", ".join(f"{h:g}" for h in evidence.stopped)
-            found.append(Finding("seen", label, f"runs of h = {sizes} end before the others"))
+            found.append(evidence.finding("seen", f"runs of h = {sizes} end before the others"))
     else:
-        found += _beyond_tolerance(evidence, label)
-    late = [*_late(evidence, label)] if told.steps else []
+        found += _beyond_tolerance(evidence)
+    late = [*_late(evidence)] if told.steps else []
     # Rows of t = 0 that are those of another time, too, are no other start.
     if not any("u" in one.evidence["parts"] for one in late if one.fault):
-        found += _of_start(evidence, label, found)
+        found += _of_start(evidence, found)
     as_told = not _named(found, "start", "length")
     if _named(found, "start") and file is not None and file.document.get("motions"):
         # The start of a mechanism that is driven otherwise is another one, too.
-        driven = [*_mechanism(evidence, label, file, False)]
+        driven = [*_mechanism(evidence, file)]
         if driven[0].name != "seen":
             found = [one for one in found if one.name != "start"] + driven
     elif as_told and told.steps:
-        found += _of_motion(evidence, label, found, late, file)
+        found += _of_motion(evidence, found, late, file)
     elif as_told and any(evidence.elsewhere(part) for part in ("u", "v")):
-        found += _mechanism(evidence, label, file, False)
-    return [*found, *_out_of_reach(evidence, label), *_tangent(evidence, label)]
+        found += _mechanism(evidence, file)
+    return [*found, *_out_of_reach(evidence), *_tangent(evidence)]
 
 
-def without_solution(
-    label: str, runs: Sequence["Run"], problem: Problem, told: Told, why: str
-) -> list[Finding]:
+def without_solution(runs: Sequence["Run"], t0: float, told: Told, why: str) -> list[Finding]:
     """What the differences of successive step sizes say, of a motion that has no solution.
 
     Args:
-        label, runs, problem, told: As of `explained`.
+        runs, told: As of `explained`.
+        t0: Time of the start (s).
         why: Why there is none.
     """
-    found = _failures(label, runs, told)
+    found = _failures(runs, told)
     ended = [run for run in runs if run.ended and not run.twin]
     ends = [run for run in ended if abs(run.t[-1] - ended[-1].t[-1]) < 0.1 * ended[-1].size]
     said, low = [], False
@@ -118,7 +109,7 @@ def without_solution(
         if not values.size:
             continue
         gaps = np.abs(np.diff(values, axis=0)).max(axis=1)
-        resolution = 3 * printed(ends, part, problem.t0) * float(np.abs(values).max())
+        resolution = 3 * printed(ends, part, t0) * float(np.abs(values).max())
         if (gaps > resolution).sum() < 2:
             continue
         order = order_of(np.array([run.size for run in ends]), gaps, gaps > resolution)
@@ -127,17 +118,17 @@ def without_solution(
     text = f"{why}; so errors cannot be measured"
     if said:
         text += f", but differences of successive step sizes fall: {', '.join(said)}"
-    return [*found, Finding("no solution", label, text, low or not said)]
+    return [*found, Finding("no solution", runs[0].series, text, low or not said)]
 
 
 def _named(found: Sequence[Finding], *names: str) -> bool:
     return any(one.name in names and one.fault for one in found)
 
 
-def _of_start(evidence: SeriesErrors, label: str, found: Sequence[Finding]) -> list[Finding]:
+def _of_start(evidence: SeriesErrors, found: Sequence[Finding]) -> list[Finding]:
     """The start, or a length that is another one: both miss Φ at the first row."""
-    starts = [*_start(evidence, label)]
-    lengths = [] if _named(found, "single precision") else [*levels.length(evidence, label)]
+    starts = [*_start(evidence)]
+    lengths = [] if _named(found, "single precision") else [*levels.length(evidence)]
     # Held at a level above, positions keep what the start misses.
     if lengths and not (starts and evidence.told.formulation in ("index-1", "index-2")):
         return lengths
@@ -146,7 +137,6 @@ def _of_start(evidence: SeriesErrors, label: str, found: Sequence[Finding]) -> l
 
 def _of_motion(
     evidence: SeriesErrors,
-    label: str,
     before: Sequence[Finding],
     late: Sequence[Finding],
     file: FileNumbers | None,
@@ -155,38 +145,37 @@ def _of_motion(
     found = [*late]
     if _named([*before, *late], "late", "clock", "single precision"):
         return found
-    found += _mixed(evidence, label)
+    found += _mixed(evidence)
     if _named(found, "mixed"):
         return found
-    found += levels.single(evidence, label)
+    found += levels.single(evidence)
     if _named(found, "single precision"):
         return found
-    wrong = any(evidence.elsewhere(part) for part in ("u", "v"))
-    alternates = [*levels.alternation(evidence, label)]
-    if wrong:
-        return [*found, *_mechanism(evidence, label, file, bool(alternates)), *alternates]
+    alternates = [*levels.alternation(evidence)]
+    if any(evidence.elsewhere(part) for part in ("u", "v")):
+        return [*found, *_mechanism(evidence, file, ("lambda",) if alternates else ()), *alternates]
     explains = bool(alternates) or any("λ is" in one.text for one in found)
     if not explains:
-        of_lambda = [*_factor(evidence, label, file)]
+        of_lambda = [*_factor(evidence, file)]
         undamped = evidence.told.integrator is not None and not evidence.told.damped
         sure = not undamped or levels.in_pairs(evidence)
         if not of_lambda and sure and evidence.elsewhere("lambda"):
-            of_lambda = [*_mechanism(evidence, label, file, False)]
+            of_lambda = [*_mechanism(evidence, file)]
         found += of_lambda
         explains = bool(of_lambda)
-    held = [*levels.constraints(evidence, label)]
+    held = [*levels.constraints(evidence)]
     # An iteration that ends early leaves forces of a state before, too.
-    pushed = [] if _named(held, "Newton ends early") else [*first_order(evidence, label)]
+    pushed = [] if _named(held, "Newton ends early") else [*first_order(evidence)]
     found += [*pushed, *held, *alternates]
     if not explains and not any(one.fault for one in found):
-        found += [*_lambda_stops(evidence, label)] or [*_low_order(evidence, label)]
+        found += [*_lambda_stops(evidence)] or [*_low_order(evidence)]
     return found
 
 
 # -- runs and numbers -------------------------------------------------------------------------
 
 
-def _failures(label: str, runs: Sequence["Run"], told: Told) -> list[Finding]:
+def _failures(runs: Sequence["Run"], told: Told) -> list[Finding]:
     failed = [run for run in runs if not run.ended]
     if not failed:
         return []
@@ -195,98 +184,94 @@ def _failures(label: str, runs: Sequence["Run"], told: Told) -> list[Finding]:
     sizes = ", ".join(f"{run.size:g}" for run in failed)
     because = f"the code says “{said}”" if said else f"no number for {lacks} in the last row"
     name = "h" if told.steps else "tolerance"
-    return [Finding("failure", label, f"no result at {name} = {sizes}: {because}")]
+    return [Finding("failure", runs[0].series, f"no result at {name} = {sizes}: {because}")]
 
 
-def _numbers(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _numbers(evidence: SeriesErrors) -> Iterator[Finding]:
     worst = max((evidence.resolution[part] for part in PARTS if evidence.has[part]), default=0.0)
     if evidence.single:
-        yield Finding("single precision", label, "every number of the state is one of single "
-                      "precision: compute and print in double precision")  # fmt: skip
+        parts = " and ".join(SYMBOLS[part] for part in evidence.single)
+        text = f"every number of {parts} is one of single precision: compute and print in double "
+        yield evidence.finding("single precision", f"{text}precision")
     elif worst > 1e-13:
-        yield Finding("printing", label, f"printed to {worst:.0e} of their size: errors below are "
-                      "not judged; print 17 digits", False, {"resolution": worst})  # fmt: skip
+        text = f"printed to {worst:.0e} of their size: errors below are not judged; print 17 digits"
+        yield evidence.finding("printing", text, False, resolution=worst)
 
 
-def _clock(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _clock(evidence: SeriesErrors) -> Iterator[Finding]:
     """T off whole steps, by a sum in single precision."""
     t = np.concatenate([run.t[run.t > evidence.t0] for run in evidence.runs])
     steps = [((run.t - evidence.t0) / run.size, run.size) for run in evidence.runs]
     off = max(float(np.abs(of - np.round(of)).max() * size) for of, size in steps)
     whole = np.all(np.abs(t - np.round(t, 6)) < 1e-13)
     if not whole and is_single(t) and off > 1e-9 * evidence.end:
-        yield Finding("clock", label, f"t is {off:.1e} s off whole steps and a number of single "
-                      "precision: take t = k h in double", True, {"off": off})  # fmt: skip
+        text = f"t is {off:.1e} s off whole steps and a number of single precision: take t = k h in"
+        yield evidence.finding("clock", f"{text} double", off=off)
 
 
-def _unstable(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _unstable(evidence: SeriesErrors) -> Iterator[Finding]:
     if not evidence.has["u"]:
         return
     u, h = evidence.last("u"), evidence.h
     worst = max(float(u.max()), float(evidence.last("v").max()) if evidence.has["v"] else 0.0)
-    stopped = [size for size in evidence.stopped if size < h[int(u.argmax())]]
+    at = h[int(u.argmax())]
+    stopped = [size for size in evidence.stopped if size < at]
     lost = bool(evidence.stopped) and worst > _WRECKED and min(evidence.stopped) < h[-1]
     grows = u.max() > _WRECKED and (bool(stopped) or (len(u) > 1 and u[-1] > 1 and u[-1] > u[0]))
     if lost or grows:
         smaller = (f"runs of h = {max(stopped):g} and less do not arrive" if stopped
                    else f"at the smallest h it is {u[-1]:.1g}")  # fmt: skip
-        yield Finding(
-            "unstable", label,
-            f"u is {u.max():.1g} times its size off at h = {h[int(u.argmax())]:g}, and {smaller}: "
+        text = (
+            f"u is {u.max():.1g} times its size off at h = {at:g}, and {smaller}: "
             "the method is unstable for constrained motion, as with a γ that does not go with β "
-            "(β ≥ (γ + ½)²/4, γ ≥ ½; generalized-α: γ = ½ − α_m + α_f)", True,
-            {"error": float(u.max())},
-        )  # fmt: skip
+            "(β ≥ (γ + ½)²/4, γ ≥ ½; generalized-α: γ = ½ − α_m + α_f)"
+        )
+        yield evidence.finding("unstable", text, error=float(u.max()))
 
 
-def _beyond_tolerance(evidence: SeriesErrors, label: str) -> list[Finding]:
-    tolerance, found = float(evidence.h[-1]), []
+def _beyond_tolerance(evidence: SeriesErrors) -> Iterator[Finding]:
+    tolerance = float(evidence.h[-1])
     for part in PARTS:
-        if evidence.has[part]:
-            off = float(evidence.last(part)[-1])
-            if off > _TOLERANCES * tolerance and off > 10 * evidence.floor(part)[-1]:
-                found.append(Finding(
-                    "seen", label,
-                    f"{SYMBOLS[part]} is {off:.2g} off at tolerance {tolerance:g}: "
-                    f"{off / tolerance:.2g} tolerances", False, {"error": off},
-                ))  # fmt: skip
-    return found
+        off = float(evidence.last(part)[-1]) if evidence.has[part] else 0.0
+        if off > max(_TOLERANCES * tolerance, 10 * evidence.floor(part)[-1]):
+            text = f"{SYMBOLS[part]} is {off:.2g} off at tolerance {tolerance:g}: "
+            text += f"{off / tolerance:.2g} tolerances"
+            yield evidence.finding("seen", text, False, error=off)
 
 
 # -- start and time ---------------------------------------------------------------------------
 
 
-def _start(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _start(evidence: SeriesErrors) -> Iterator[Finding]:
     """Rows at t = 0 that are not the problem's start; without such rows nothing is said."""
-    problem, t0 = evidence.problem, evidence.t0
     for k, run in enumerate(evidence.runs):
-        at = np.flatnonzero(np.abs(run.t - t0) < 1e-11)
+        at = np.flatnonzero(np.abs(run.t - evidence.t0) < 1e-11)
         for part in ("u", "v"):
             if not len(at) or not evidence.has[part] or (part == "v" and evidence.told.corrected):
                 continue
             off = np.abs(evidence.error(part, k)[at[0]])
-            allowed = 1e-6 if evidence.single else 3 * evidence.resolution[part] + 1e-9
+            allowed = 1e-6 if part in evidence.single else 3 * evidence.resolution[part] + 1e-9
             if not (np.isfinite(off).all() and off.max() > allowed):
                 continue
             place = int(np.flatnonzero(evidence.known[part])[off.argmax()])
-            name = f"{part}[{problem.coordinate_names[place]}]"
+            name = f"{part}[{evidence.problem.coordinate_names[place]}]"
             phi, rate = (
                 float(np.abs(evidence.misfit(k, of_v)[at[0]]).max(initial=0.0))
                 if evidence.whole["u"] and (evidence.whole["v"] or not of_v)
                 else 0.0
                 for of_v in (False, True)
             )
-            said = f"the row of t = 0 has {name} off by {off.max():.2g} of the largest {part}"
-            numbers = {"coordinate": name, "off": float(off.max()), "misfit": phi, "rate": rate}
+            kind = "start"
             if max(phi, rate) > max(1e-9, allowed):
-                yield Finding("start", label, f"{said}; it misses Φ by {phi:.1g} and Φ′ by "
-                              f"{rate:.1g}: no motion begins there", True, numbers)  # fmt: skip
+                says = f"; it misses Φ by {phi:.1g} and Φ′ by {rate:.1g}: no motion begins there"
             elif _begins(evidence, at[0], k):
-                yield Finding("start", label, f"{said}; the motion from there is what the code "
-                              "computes", True, numbers)  # fmt: skip
+                says = "; the motion from there is what the code computes"
             else:
-                yield Finding("seen", label, f"{said}, which does not explain the rows that "
-                              "follow", True, numbers)  # fmt: skip
+                kind, says = "seen", ", which does not explain the rows that follow"
+            text = f"the row of t = 0 has {name} off by {off.max():.2g} of the largest {part}{says}"
+            yield evidence.finding(
+                kind, text, coordinate=name, off=float(off.max()), misfit=phi, rate=rate
+            )
             return
 
 
@@ -294,10 +279,9 @@ def _begins(evidence: SeriesErrors, row: int, k: int) -> bool:
     """Whether the motion from a row of t = 0 is what the smallest step size converges to."""
     if not (evidence.whole["u"] and evidence.whole["v"]):
         return True
-    run, first = evidence.runs[-1], evidence.runs[k]
+    run, first = evidence.runs[-1], evidence.runs[k].state
     try:
-        truth = Truth(evidence.problem, float(run.t[-1]),
-                      u0=first.state["u"][row], v0=first.state["v"][row])  # fmt: skip
+        truth = Truth(evidence.problem, float(run.t[-1]), u0=first["u"][row], v0=first["v"][row])
     except NoMotion:
         return False
     there = truth.at(run.t[-1:])
@@ -309,7 +293,7 @@ def _begins(evidence: SeriesErrors, row: int, k: int) -> bool:
     return bool(left < 0.05 * max(evidence.last("u")[-1], evidence.last("v")[-1]))
 
 
-def _late(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _late(evidence: SeriesErrors) -> Iterator[Finding]:
     """U and v, or λ, of another time t + c h, at three step sizes and all of their rows."""
     if len(evidence.runs) < 3:
         return
@@ -318,15 +302,16 @@ def _late(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
             continue
         for c in _SHIFTS:
             left = [_left_at(evidence, parts, c, k) for k in range(-3, 0)]
-            if max(left) > 2 * _LEFT or left[-1] > _LEFT:
-                continue
-            yield _of_time(evidence, label, parts, c, left[-1])
-            return
+            # No change of a step leaves v with order 1 and u with order 2.
+            apart = parts == ("v",) and evidence.order("u")[0] > 1.5
+            if max(left) <= 2 * _LEFT and left[-1] <= (2 * _LEFT if apart else _LEFT):
+                yield _of_time(evidence, parts, c, left[-1])
+                return
 
 
 def _left_at(evidence: SeriesErrors, parts: Sequence[str], c: float, k: int) -> float:
     """Part of the error of a run that is left against the solution at t + c h."""
-    run, reference = evidence.runs[k], evidence.reference[k]
+    run = evidence.runs[k]
     rows = np.flatnonzero((run.t > evidence.t0 + 0.5 * run.size)
                           & (run.t + c * run.size >= evidence.t0 - 1e-12))  # fmt: skip
     if parts == ("lambda",):
@@ -335,39 +320,36 @@ def _left_at(evidence: SeriesErrors, parts: Sequence[str], c: float, k: int) -> 
         return math.inf
     there, left = evidence.truth.at(run.t[rows] + c * run.size), 0.0
     for part in parts:
-        here = run.state[part][rows]
-        off = float(np.abs(evidence.of(part, here - there[part])).max())
-        now = float(np.abs(evidence.of(part, here - reference[part][rows])).max())
-        left = max(left, off / max(now, 1e-300))
+        off = evidence.of(part, run.state[part][rows] - there[part])
+        now = evidence.error(part, k)[rows]
+        left = max(left, float(np.abs(off).max()) / max(float(np.abs(now).max()), 1e-300))
     return left
 
 
-def _of_time(
-    evidence: SeriesErrors, label: str, parts: Sequence[str], c: float, left: float
-) -> Finding:
+def _of_time(evidence: SeriesErrors, parts: Sequence[str], c: float, left: float) -> Finding:
     sign, size = "−" if c < 0 else "+", "½" if abs(c) == 0.5 else "1"
     said = f"{' and '.join(SYMBOLS[part] for part in parts)} {'are' if len(parts) > 1 else 'is'} "
     said += f"of t {sign} {size} h"
-    numbers = {"parts": [*parts], "shift": c, "left": left}
+    numbers: dict[str, Any] = {"parts": [*parts], "shift": c, "left": left}
     rest = np.abs(evidence.problem.v0).max(initial=0.0) < 1e-6 * evidence.scale["v"]
     if "u" in parts and abs(c) == 0.5 and rest:
-        return Finding("seen", label, f"{said}: from rest, a first step that lacks ½ h a(0) does "
-                       "the same", True, numbers)  # fmt: skip
+        text = f"{said}: from rest, a first step that lacks ½ h a(0) does the same"
+        return evidence.finding("seen", text, **numbers)
     text = f"{said}, at every h and row: against the solution at that time {left:.1%} is left of it"
     orders = [evidence.order(part) for part in ("u", "v") if part not in parts]
-    told = evidence.told
-    first = parts == ("lambda",) and (
+    told, by_design = evidence.told, parts == ("lambda",)
+    if by_design and (
         0 < told.order < 2 or any(order < 1.5 and scatter < 0.5 for order, scatter in orders)
-    )
-    midpoint = parts == ("lambda",) and abs(c) == 0.5
-    if first:
+    ):
         text += ", as methods of order 1 have it"
-    elif midpoint:
+    elif by_design and abs(c) == 0.5:
         text += ", as methods have it that take λ in the middle of the step"
-    return Finding("late", label, text, not (first or midpoint), numbers)
+    else:
+        by_design = False
+    return evidence.finding("late", text, not by_design, **numbers)
 
 
-def _mixed(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _mixed(evidence: SeriesErrors) -> Iterator[Finding]:
     """One run that does not lie on the line of all others."""
     if len(evidence.runs) < 5:
         return
@@ -376,19 +358,16 @@ def _mixed(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
             continue
         x, y = np.log(evidence.h), np.log(evidence.last(part))
         # At the smallest h it may be rounding, where that was not measured with the method.
-        known = evidence.told.integrator and part in evidence.marched[-1].rounding
-        for k in range(len(x) if known else len(x) - 1):
+        for k in range(len(x) if evidence.told.integrator else len(x) - 1):
             rest = np.arange(len(x)) != k
             fit = np.polyfit(x[rest], y[rest], 1)
             above = float(y[k] - np.polyval(fit, x[k]))
             straight = np.abs(np.polyval(fit, x[rest]) - y[rest]).max() < 0.25
             if 0.7 < fit[0] < 6 and straight and above > 2.3:
-                yield Finding(
-                    "mixed", label,
-                    f"{SYMBOLS[part]} at h = {evidence.h[k]:g} is {math.exp(above):.2g} times what "
-                    "all other step sizes say: that run is of other settings", True,
-                    {"h": float(evidence.h[k]), "factor": math.exp(above)},
-                )  # fmt: skip
+                h, factor = float(evidence.h[k]), math.exp(above)
+                text = f"{SYMBOLS[part]} at h = {h:g} is {factor:.2g} times what all other step "
+                text += "sizes say: that run is of other settings"
+                yield evidence.finding("mixed", text, h=h, factor=factor)
                 return
 
 
@@ -396,17 +375,17 @@ def _mixed(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
 
 
 def _mechanism(
-    evidence: SeriesErrors, label: str, file: FileNumbers | None, alternates: bool
+    evidence: SeriesErrors, file: FileNumbers | None, without: Sequence[str] = ()
 ) -> Iterator[Finding]:
     """The one number of the file that explains u, v and λ, proved by a new solution."""
-    wanted = Discrepancy(evidence, ("lambda",) if alternates else ())
+    wanted = Discrepancy(evidence, without)
     fits = wanted.search(file)
     good, seen = explained_by(fits), wanted.seen()
     numbers = {fit.candidate.name: fit.change for fit in (good or fits)[:_NAMED]}
     if not good:
         what = "no single number of the mechanism explains it" if file else (
             "a number of the problem differs")  # fmt: skip
-        yield Finding("seen", label, f"{seen}; {what}", True, {"tried": numbers})
+        yield evidence.finding("seen", f"{seen}; {what}", tried=numbers)
         return
     names = " or ".join(fit.candidate.said(fit.change) for fit in good[:_NAMED])
     told = " and ".join(SYMBOLS[part] for part in wanted.parts)
@@ -415,11 +394,10 @@ def _mechanism(
     else:
         lacks = "rows at another time" if "lambda" in wanted.parts else "λ, or rows at another time"
         says = f"each explains {told}, and the table cannot tell them apart; {lacks} would"
-    yield Finding("another mechanism", label, f"{seen}; {names}: {says}", True,
-                  {"changes": numbers})  # fmt: skip
+    yield evidence.finding("another mechanism", f"{seen}; {names}: {says}", changes=numbers)
 
 
-def _factor(evidence: SeriesErrors, label: str, file: FileNumbers | None) -> Iterator[Finding]:
+def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Finding]:
     """λ over what u and v imply: one number, or one times a power of h, at all h and t.
 
     One row says nothing of a λ that may alternate, and rows of one time are also explained by
@@ -429,73 +407,58 @@ def _factor(evidence: SeriesErrors, label: str, file: FileNumbers | None) -> Ite
     if not hits:
         return
     said = ", ".join(f"{name}: {c:.5g}{f' h^{power}' if power else ''}" for name, c, power in hits)
-    numbers = {"factors": {name: c for name, c, _ in hits}, "powers": [x[2] for x in hits]}
+    powers = [power for _, _, power in hits]
+    numbers: dict[str, Any] = {"factors": {name: c for name, c, _ in hits}, "powers": powers}
     problem, told = evidence.problem, evidence.told
     alike = len(hits) == problem.m and len({(f"{c:.3g}", power) for _, c, power in hits}) == 1
     pairs = all((np.abs(np.diff(run.t) - run.size) < 1e-6 * run.size).any()
                 for run in evidence.runs[-3:])  # fmt: skip
     if not pairs and not told.damped and not (alike and problem.m > 1):
-        yield Finding(
-            "seen", label,
+        text = (
             f"λ is a constant times what u and v imply at the end ({said}): a factor, or λ "
-            "alternates; rows of the last three steps would tell", told.integrator is None, numbers,
-        )  # fmt: skip
+            "alternates; rows of the last three steps would tell"
+        )
+        yield evidence.finding("seen", text, told.integrator is None, **numbers)
         return
     times = np.concatenate([run.t[evidence.settled(run)] for run in evidence.runs[-3:]])
-    powers = any(power for _, _, power in hits)
-    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not powers:
-        other = [one for one in _mechanism(evidence, label, file, False) if one.name != "seen"]
+    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not any(powers):
+        other = [one for one in _mechanism(evidence, file) if one.name != "seen"]
         if other:
             yield from other
             return
     why = next(filter(None, (levels.reason(evidence, *hit) for hit in hits)), "")
     why = why or "another Φ, unit or scaling of λ"
-    also = (
-        ", or every mass and force is that many times the mechanism's"
-        if alike and not powers
-        else ""
-    )
-    yield Finding(
-        "factor of λ", label,
-        f"λ is a constant times what u and v imply, at all h and t ({said}): {why}{also}",
-        True, numbers,
-    )  # fmt: skip
+    if alike and not any(powers):
+        why += ", or every mass and force is that many times the mechanism's"
+    text = f"λ is a constant times what u and v imply, at all h and t ({said}): {why}"
+    yield evidence.finding("factor of λ", text, **numbers)
 
 
 # -- what is seen -----------------------------------------------------------------------------
 
 
-def _lambda_stops(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _lambda_stops(evidence: SeriesErrors) -> Iterator[Finding]:
     if not evidence.has["lambda"] or len(evidence.runs) < 3 or evidence.told.integrator is None:
         return
     values = evidence.last("lambda")
-    ours = evidence.marched[-1].errors.get("lambda", math.inf)
-    sound = max(ours, float(evidence.floor("lambda")[-1]))
-    if (
-        values[-1] > 30 * sound
-        and values[-1] > 0.5 * values[-2:].max() > 0
-        and (values[-1] > 0.5 * values[-3])
-    ):
+    sound = max(evidence.ours(-1, "lambda"), float(evidence.floor("lambda")[-1]))
+    if values[-1] > 30 * sound and values[-1] > 0.5 * max(values[-2], values[-3]):
         how = "grows to" if values[-1] > 3 * values.min() else "stops falling at"
-        yield Finding(
-            "seen", label, f"λ {how} {values[-1]:.2g} (h = {evidence.h[-1]:g}), where a sound code "
-            f"leaves {sound:.1g}", True, {"error": float(values[-1])},
-        )  # fmt: skip
+        text = f"λ {how} {values[-1]:.2g} (h = {evidence.h[-1]:g}), where a sound code leaves "
+        yield evidence.finding("seen", f"{text}{sound:.1g}", error=float(values[-1]))
 
 
-def _low_order(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _low_order(evidence: SeriesErrors) -> Iterator[Finding]:
     wanted = evidence.told.order
     for part in ("u", "v"):
         order, scatter = evidence.order(part)
         if wanted and scatter < 0.3 and order < wanted - 0.35:
-            yield Finding(
-                "seen", label, f"{SYMBOLS[part]} has order {order:.2f}, where the method has "
-                f"{wanted}", True, {"order": order},
-            )  # fmt: skip
+            text = f"{SYMBOLS[part]} has order {order:.2f}, where the method has {wanted}"
+            yield evidence.finding("seen", text, order=order)
             return
 
 
-def _out_of_reach(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _out_of_reach(evidence: SeriesErrors) -> Iterator[Finding]:
     """Newton's iterations that become many at small h."""
     if len(evidence.runs) < 2 or not all("iterations" in run.numbers for run in evidence.runs):
         return
@@ -510,13 +473,12 @@ def _out_of_reach(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     if shares[0] == 0 and shares[-1] > _OFTEN:
         most = max(float(of.max()) for of in counts)
         sizes = ", ".join(f"{h:g}" for h in evidence.h[shares > _OFTEN])
-        yield Finding(
-            "tolerance out of reach", label,
+        text = (
             f"Newton takes up to {most:g} iterations at h = {sizes} and {usual:g} at h = "
             f"{evidence.h[0]:g}: its tolerance cannot be met there, as corrections of λ end where "
-            "rounding leaves them; test λ times h², or stop where corrections grow",
-            True, {"iterations": most, "usual": usual},
-        )  # fmt: skip
+            "rounding leaves them; test λ times h², or stop where corrections grow"
+        )
+        yield evidence.finding("tolerance out of reach", text, iterations=most, usual=usual)
 
 
 def _of_steps(evidence: SeriesErrors, counts: Sequence[Array]) -> list[Array]:
@@ -527,7 +489,7 @@ def _of_steps(evidence: SeriesErrors, counts: Sequence[Array]) -> list[Array]:
     return [of / steps if sums else of for of, steps in zip(counts, done, strict=True)]
 
 
-def _tangent(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def _tangent(evidence: SeriesErrors) -> Iterator[Finding]:
     """Corrections that fall linearly: the ratio of a quadratic fall counts as 0."""
     ratios = []
     for run in evidence.runs:
@@ -537,9 +499,9 @@ def _tangent(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
                 *_, before, last = sizes[1:] / sizes[:-1]
                 ratios.append(float(last) if before**1.5 < last < 1 else 0.0)
     if len(ratios) > 2 and np.median(ratios) > 0:
-        yield Finding(
-            "linear convergence", label,
+        text = (
             f"each correction is about {max(ratios):.2g} of the one before: the tangent lacks "
             "terms, such as the geometric stiffness ∂(Gλ)/∂u, or is not renewed; results are "
-            "right, but cost more iterations", True, {"ratio": max(ratios)},
-        )  # fmt: skip
+            "right, but cost more iterations"
+        )
+        yield evidence.finding("linear convergence", text, ratio=max(ratios))

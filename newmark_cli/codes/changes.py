@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors
+from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
 from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
@@ -31,7 +32,7 @@ _GEOMETRY = {"at", "velocity", "fixed", "length", "through", "direction", "posit
 _PLACES = (("points", "fixed"), ("body_points", "at"))
 #: Misfit of Φ by which a place is one of a constraint.
 _MISFIT = 1e-9
-#: Vectors that change as a whole.
+#: Vectors that change as a whole, and by component where there are several.
 _WHOLE = ("gravity",)
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
@@ -116,7 +117,7 @@ def _numbers(value: Any, path: Path) -> Iterator[Path]:
             continue
         if key in _WHOLE or (key == "inertia" and isinstance(item, list | tuple)):
             yield (*path, key)
-        if key in _WHOLE:
+        if key in _WHOLE and sum(map(bool, item)) < 2:
             continue
         if isinstance(item, int | float) and not isinstance(item, bool):
             if item:
@@ -147,52 +148,62 @@ class Candidate:
 def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Candidate]:
     """What may have been changed, the numbers of the file first."""
     problem, end = evidence.problem, evidence.end
+
+    def share(
+        name: str, changed: Callable[[float], dict[str, Any]], starts: Sequence[float]
+    ) -> Candidate:
+        """A term of which a share may be lacking: its change → what the motion has otherwise."""
+        return Candidate(
+            name, lambda c, tol: Truth(problem, end, tolerance=tol, **changed(c)), _share(name),
+            starts,
+        )  # fmt: skip
+
     if file is not None:
         yield from _of_file(evidence, file)
-    names = problem.coordinate_names
-    if len(names) > 3 and names[3].endswith(".d1.x") and not problem.n % 12:
-        yield from _gyroscopic(evidence, file)
+    for name, moment in _gyroscopic(problem, file):
+        yield share(name, partial(_against, moment), (-1.0, -2.0))
     size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
-    yield Candidate(
-        "a drag −c v",
-        lambda c, tol: Truth(problem, end, force=lambda t, u, v: -c * size * v, tolerance=tol),
-        lambda c: f"a drag −c v, c = {c * size:.3g}",
-    )
-    if problem.m:
-        yield Candidate(
-            "κ of Gᵀa + κ = 0 (centrifugal terms)",
-            lambda c, tol: Truth(problem, end, curvature=(1 + c, 1.0), tolerance=tol),
-            _share("κ of Gᵀa + κ = 0 (centrifugal terms)"), (-1.0, -2.0),
-        )  # fmt: skip
+    drag = share("a drag −c v", partial(_against, lambda u, v: size * v), ())
+    yield replace(drag, said=lambda c: f"a drag −c v, c = {c * size:.3g}")
+    right = not any(evidence.elsewhere(part) for part in ("u", "v"))
+    terms = {"κ of Gᵀa + κ = 0 (centrifugal terms)": lambda c: (1 + c, 1.0)}
     if file is not None and file.document.get("motions"):
-        yield Candidate(
-            "the acceleration of the motions",
-            lambda c, tol: Truth(problem, end, curvature=(1.0, 1 + c), tolerance=tol),
-            _share("the acceleration of the motions"), (-1.0, -2.0),
-        )  # fmt: skip
-    if not evidence.starts:
-        yield Candidate(
-            "the start's velocities",
-            lambda c, tol: Truth(problem, end, v0=problem.v0 * (1 + c), tolerance=tol),
-            lambda c: f"the start's velocities × {1 + c:.5g}", (-1.0,),
-        )  # fmt: skip
+        terms["the acceleration of the motions"] = lambda c: (1.0, 1 + c)
+    for name, of in terms.items():
+        yield share(name, partial(_less_curved, of, False), (-1.0, -2.0))
+        if right:
+            yield share(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
+    if evidence.start is None:
+        yield share("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
+
+
+def _against(push: Callable[[Array, Array], Array], c: float) -> dict[str, Any]:
+    """A further force −c times what a function of u and v gives."""
+    return {"force": lambda t, u, v: -c * push(u, v)}
+
+
+def _less_curved(
+    of: Callable[[float], tuple[float, float]], recovered: bool, c: float
+) -> dict[str, Any]:
+    """Other factors of κ."""
+    return {"curvature": of(c), "recovered": recovered}
 
 
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
+    right, end = evidence.problem, evidence.end
 
     def driven(path: Path, start: Any, c: float, tolerance: float) -> Truth:
         # What is driven otherwise starts otherwise: as its first row says, or projected.
         moving = replace(file, document={**file.document, "project_velocities": True})
         other = moving.changed([path], lambda value: _times(value, c))
         u0, v0 = start or (None, None)
-        return Truth(other, evidence.end, u0=u0, v0=v0, tolerance=tolerance)
+        return Truth(other, end, u0=u0, v0=v0, tolerance=tolerance)
 
     def moved(
         paths: Sequence[Path], change: Callable[[Any, float], Any], c: float, tolerance: float
     ) -> Truth:
         # The start is that of the right mechanism: a table may say otherwise in its first row.
-        right, end = evidence.problem, evidence.end
         if c < -1 and paths[0][-1] in _POSITIVE:
             less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
             return Truth(right, end, force=_of_number(right, less, c), tolerance=tolerance)
@@ -202,40 +213,41 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             raise NoMotion("the start misses a constraint")
         return Truth(other, end, u0=right.u0, v0=right.v0, tolerance=tolerance)
 
+    def number(
+        paths: Sequence[Path], change: Callable[[Any, float], Any] = _times, name: str = "",
+        said: Callable[[float], str] | None = None, starts: Sequence[float] = (-1.0, -2.0),
+    ) -> Candidate:  # fmt: skip
+        name = name or _name(paths[0])
+        return Candidate(name, partial(moved, paths, change), said or _share(name), starts)
+
     alike: dict[str, list[Path]] = {}
     for path in file.numbers():
-        name, key = _name(path), str(path[-1])
+        key, name, value = str(path[-1]), _name(path), file.at(path)
         alike.setdefault(key, []).append(path)
         inert = "mass" in path or "inertia" in path
-        yield Candidate(
-            name, partial(moved, [path], _times), _share(name), (-1.0,) if inert else (-1.0, -2.0)
-        )
-        value = file.at(path)
+        yield number([path], starts=(-1.0,) if inert else (-1.0, -2.0))
         if key == "inertia" and isinstance(value, list | tuple):
             for i, j in itertools.combinations(range(3), 2):
                 said = partial(_exchanged, name, "xyz"[i], "xyz"[j])
-                yield Candidate(said(1.0), partial(moved, [path], partial(_mixed, i, j)), said,
-                                (1.0,))  # fmt: skip
+                yield number([path], partial(_mixed, i, j), said(1.0), said, (1.0,))
         if key == "gravity" and len(value) == 2:
-            yield Candidate("the direction of gravity", partial(moved, [path], _rotated),
-                            lambda c: f"gravity turned by {math.degrees(c):.4g}°",
-                            (math.pi / 2, -math.pi / 2))  # fmt: skip
+            yield number([path], _rotated, "the direction of gravity",
+                         lambda c: f"gravity turned by {math.degrees(c):.4g}°",
+                         (math.pi / 2, -math.pi / 2))  # fmt: skip
         if key == "frequency":
             phase = (*path[:-1], "phase")
             said = partial("{} + {:.5g} rad".format, _name(phase))
-            yield Candidate(_name(phase), partial(moved, [phase], _plus), said,
-                            (math.pi / 2, math.pi))  # fmt: skip
+            yield number([phase], _plus, "", said, (math.pi / 2, math.pi))
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
-            name = f"every {key}"
-            starts = (-1.0,) if key == "damping" else ()
-            yield Candidate(name, partial(moved, paths, _times), _share(name), starts)
+            yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())
     begins = [None] if evidence.start is None else [evidence.start, None]
     for path, start in itertools.product(file.motions(), begins):
         yield Candidate(_name(path), partial(driven, path, start), _share(_name(path)))
     for path in file.places():
         said = partial("{} {:+.5g} m".format, _name(path))
-        yield Candidate(_name(path), partial(moved, [path], _plus), said, (), place=True)
+        turned = (-2 * file.at(path),) if file.at(path) else ()
+        yield replace(number([path], _plus, "", said, turned), place=True)
 
 
 def _of_number(problem: Problem, less: Problem, c: float) -> Force:
@@ -280,22 +292,18 @@ def _exchanged(name: str, one: str, other: str, c: float) -> str:
     return f"{what} exchanged" if abs(c - 1) < 1e-3 else f"a share of {c:.5g} of {what} exchanged"
 
 
-def _gyroscopic(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Candidate]:
+def _gyroscopic(
+    problem: Problem, file: FileNumbers | None
+) -> Iterator[tuple[str, Callable[[Array, Array], Array]]]:
     """ω × J ω, with J about centres of mass, or about the point that holds a single body."""
-    problem = evidence.problem
+    outputs = problem.outputs
+    if not isinstance(outputs, SpatialOutputs) or not 0 < problem.n == 12 * len(outputs.bodies):
+        return
     joints = [*((file.document.get("joints") or {}).values() if file else ())]
-    held = problem.n == 12 and len(joints) == 1 and isinstance(joints[0].get("at"), list)
+    held = len(outputs.bodies) == len(joints) == 1 and isinstance(joints[0].get("at"), list)
     for point in (None, joints[0]["at"]) if held else (None,):
         name = f"the gyroscopic moment ω × J ω{'' if point is None else ' about the joint'}"
-        moment = partial(_moment, _tensors(problem, point))
-
-        def of(c: float, tolerance: float, moment: Any = moment) -> Truth:
-            def force(t: float, u: Array, v: Array) -> Array:
-                return np.asarray(-c * moment(u, v))
-
-            return Truth(problem, evidence.end, force=force, tolerance=tolerance)
-
-        yield Candidate(name, of, _share(name), (-1.0, -2.0))
+        yield name, partial(_moment, _tensors(problem, point))
 
 
 def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
@@ -304,24 +312,21 @@ def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
     blocks = np.asarray(problem.M)[::3, ::3].reshape(bodies, 4, bodies, 4)
     tensors = []
     for k, body in enumerate(problem.u0.reshape(-1, 4, 3)):
-        block = blocks[k, :, k, :]
-        mass, centre = block[0, 0], block[0, 1:] / block[0, 0]
-        euler = block[1:, 1:] - mass * np.outer(centre, centre)
-        if point is not None:
-            arm = centre + body[1:] @ (body[0] - point)
-            euler = euler + mass * np.outer(arm, arm)
+        block = blocks[k, :, k, :]  # ∫ (1, x) (1, x)ᵀ dm
+        about = block[0, 1:] / block[0, 0] if point is None else body[1:] @ (point - body[0])
+        shift = np.vstack([-about, np.eye(3)])
+        euler = shift.T @ block @ shift
         tensors.append(np.trace(euler) * np.eye(3) - euler)
     return np.array(tensors)
 
 
 def _moment(tensors: Array, u: Array, v: Array) -> Array:
     """(n,) the moments ω × J ω as forces on directors: half of moment × director on each."""
+    axes, rates = u.reshape(-1, 4, 3)[:, 1:], v.reshape(-1, 4, 3)[:, 1:]
     pushed = np.zeros((len(tensors), 4, 3))
-    for k, (body, rates) in enumerate(zip(u.reshape(-1, 4, 3), v.reshape(-1, 4, 3), strict=True)):
-        axes = body[1:]
-        omega = np.cross(axes, rates[1:]).sum(axis=0) / 2
-        moment = np.cross(omega, (tensors[k] @ (axes @ omega)) @ axes)
-        pushed[k, 1:] = np.cross(moment, axes) / 2
+    for k, omega in enumerate(angular_velocities(axes, rates)):
+        moment = np.cross(omega, (tensors[k] @ (axes[k] @ omega)) @ axes[k])
+        pushed[k, 1:] = np.cross(moment, axes[k]) / 2
     return pushed.ravel()
 
 
@@ -347,38 +352,31 @@ class Discrepancy:
     """What the smallest step size is off by, weighted by what truncation may leave."""
 
     def __init__(self, evidence: SeriesErrors, without: Sequence[str] = ()) -> None:
-        run, k = evidence.runs[-1], len(evidence.runs) - 1
+        run = evidence.runs[-1]
         rows = evidence.looked_at(run)
         rows = rows[evidence.settled(run)[rows]] if evidence.settled(run)[rows].any() else rows
-        self.evidence, self.rows, self.times = evidence, rows, run.t[rows]
+        self.evidence = evidence
         self.unsure = {x: 2 * evidence.bound(x) for x in PARTS if evidence.has[x]}
         self.parts = [
             x for x in PARTS
             if evidence.has[x] and x not in without
             and (x != "lambda" or self.unsure[x] < max(1e-3, 0.6 * evidence.last(x)[-1]))
         ]  # fmt: skip
-        self.off = {x: evidence.error(x, k)[rows] for x in self.parts}
-        self.largest = max(float(np.abs(x).max()) for x in self.off.values())
-        self.weight = {
-            x: 1 / max(self.unsure[x], 2e-3 * float(np.abs(self.off[x]).max()), 1e-15)
-            for x in self.parts
-        }
-        self.all = self._stacked(self.off)
+        off = {x: evidence.error(x, -1)[rows] for x in self.parts}
+        largest = {x: float(np.abs(of).max()) for x, of in off.items()}
+        self.largest = max(largest.values())
+        weight = {x: 1 / max(self.unsure[x], 2e-3 * largest[x], 1e-15) for x in self.parts}
+        self._met = WeightedRows(evidence, rows, weight)
+        self.all = self._met.stacked(off)
         self.size = float(np.linalg.norm(self.all))
         self.tolerance = float(np.clip(1e-4 * self.largest, EXACT, 1e-8))
-        self._from = self._values(Truth(evidence.problem, evidence.end, tolerance=self.tolerance))
-
-    def _stacked(self, of: Mapping[str, Array]) -> Array:
-        return np.concatenate([(of[x] * self.weight[x]).ravel() for x in self.parts])
-
-    def _values(self, truth: Truth) -> Array:
-        there = truth.at(self.times)
-        return self._stacked({x: self.evidence.of(x, there[x]) for x in self.parts})
+        right = Truth(evidence.problem, evidence.end, tolerance=self.tolerance)
+        self._right = self._met.values(right)
 
     def moved(self, candidate: Candidate, c: float) -> Array:
         """By how much a change moves all rows; huge if no mechanism can have it."""
         try:
-            moved = self._values(candidate.of(c, self.tolerance)) - self._from
+            moved = self._met.values(candidate.of(c, self.tolerance)) - self._right
         except (ArithmeticError, InputError, np.linalg.LinAlgError, NoMotion):
             return np.full_like(self.all, 1e9)
         return np.where(np.isfinite(moved), moved, 1e9)

@@ -16,11 +16,11 @@ import numpy as np
 
 from newmark_cli.codes.truth import Truth
 from newmark_cli.newmark.integrator import Integrator, fading
-from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray, Mask
 
 if TYPE_CHECKING:
     from newmark_cli.codes.reading import Run
+    from newmark_cli.codes.solutions import Measured
 
 PARTS = ("u", "v", "lambda")
 #: What messages call them.
@@ -34,6 +34,8 @@ _SAMPLES, _COUNTED = 60, 400
 _FADED = 1e-2
 #: Orders that differences may have.
 _POWERS = np.linspace(1, 5, 81)
+#: Truncation, over the size of a part, from which on nothing tells where runs converge to.
+_COARSE = 0.05
 #: Least error of λ with which it converges elsewhere by itself.
 _OF_MULTIPLIERS = 1e-5
 _EPS = float(np.finfo(float).eps)
@@ -87,19 +89,16 @@ class Told:
         return self.integrator is not None and self.integrator.damped
 
 
-@dataclass(frozen=True)
-class OurMarch:
-    """What a march of this tool's with the same step size leaves.
-
-    Attributes:
-        rounding: Part → rounding of its last error; NaN or absent where unknown.
-        errors: Part → its last error.
-        misfit: Relative misfit of Φ; NaN where unknown.
-    """
-
-    rounding: Mapping[str, float] = field(default_factory=dict)
-    errors: Mapping[str, float] = field(default_factory=dict)
-    misfit: float = math.nan
+def digits_of(numbers: Array) -> tuple[int, int]:
+    """Most significant digits, and most decimal places, of the shortest decimals of numbers."""
+    digits, places = 0, 0
+    for text in map(repr, np.abs(numbers).tolist()):
+        mantissa, _, power = text.partition("e")
+        whole, _, decimals = mantissa.partition(".")
+        decimals = decimals.rstrip("0")
+        digits = max(digits, len((whole + decimals).strip("0")))
+        places = max(places, len(decimals) - int(power or 0))
+    return digits, places
 
 
 def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
@@ -112,13 +111,7 @@ def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
     """
     numbers = np.concatenate([run.state[part][run.t > t0].ravel() for run in runs])
     numbers = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])[-_COUNTED:]
-    digits, places = 0, 0
-    for text in map(repr, numbers.tolist()):
-        mantissa, _, power = text.partition("e")
-        whole, _, decimals = mantissa.partition(".")
-        decimals = decimals.rstrip("0")
-        digits = max(digits, len((whole + decimals).strip("0")))
-        places = max(places, len(decimals) - int(power or 0))
+    digits, places = digits_of(numbers)
     if not digits or digits >= 16:
         return 1e-16
     size = float(numbers.max())
@@ -128,7 +121,7 @@ def printed(runs: Sequence["Run"], part: str, t0: float) -> float:
 def is_single(numbers: Array) -> bool:
     """Whether all are numbers of single precision, as they are or printed with 9 digits.
 
-    Zeros, and what has three decimals, are of any.
+    Zeros, what has three decimals, and what does not change are of any.
     """
     telling = numbers[np.isfinite(numbers)]
     telling = telling[telling != np.round(telling, 3)]
@@ -137,7 +130,7 @@ def is_single(numbers: Array) -> bool:
     same = telling == single
     # Nine digits tell all numbers of single precision apart, and codes print no more of them.
     same[~same] = np.char.mod("%.9g", single[~same]).astype(float) == telling[~same]
-    return bool(len(telling)) and bool(same.all())
+    return len(np.unique(telling)) > 2 and bool(same.all())
 
 
 def order_of(h: Array, gaps: Array, clear: Mask) -> float:
@@ -162,39 +155,29 @@ class SeriesErrors:
     """One series as the rules see it.
 
     Args:
-        runs: Its runs that ended, twins aside, by descending sizes.
-        problem: What was solved.
+        measured: Its runs that ended, twins aside, by descending sizes.
         told: What the caller says of the code.
-        marched: Of each run, what a march of ours leaves.
-        single: Whether every number of the table is one of single precision.
         truth: The solution, until after the last row of any run.
 
     Attributes:
+        runs: Runs that arrive, and in ``measured`` what was measured of them.
         h: (k,) step sizes, descending.
         stopped: Step sizes of runs that end long before the others.
         scale: Part → its largest value along the motion; of λ (m,).
         reference: Of each run, the solution at its rows.
         known: Part → (size,) components that all runs have at their ends.
         has, whole: Part → whether there are any, and whether these are all.
+        single: Parts of which every number is one of single precision.
         resolution: Part → what printing leaves of a number, over the size of its part.
     """
 
-    def __init__(
-        self,
-        runs: Sequence["Run"],
-        problem: Problem,
-        told: Told,
-        marched: Sequence[OurMarch],
-        single: bool,
-        truth: Truth,
-    ) -> None:
-        self.problem, self.told, self.truth = problem, told, truth
-        self.t0, self.end = problem.t0, max(float(run.t[-1]) for run in runs)
-        step = max(run.size for run in runs) if told.steps else 0.1 * (self.end - self.t0)
-        arrived = [run.t[-1] > self.end - 1.5 * step for run in runs]
-        self.runs = [run for run, there in zip(runs, arrived, strict=True) if there]
-        self.marched = [one for one, there in zip(marched, arrived, strict=True) if there]
-        self.stopped = [run.size for run, there in zip(runs, arrived, strict=True) if not there]
+    def __init__(self, measured: Sequence["Measured"], told: Told, truth: Truth) -> None:
+        self.problem, self.told, self.truth = truth.problem, told, truth
+        self.t0, self.end = truth.problem.t0, max(float(of.run.t[-1]) for of in measured)
+        step = max(of.run.size for of in measured) if told.steps else 0.1 * (self.end - self.t0)
+        self.measured = [of for of in measured if of.run.t[-1] > self.end - 1.5 * step]
+        self.runs = [of.run for of in self.measured]
+        self.stopped = [of.run.size for of in measured if of.run.t[-1] <= self.end - 1.5 * step]
         self.h = np.array([run.size for run in self.runs])
         along = truth.at(np.linspace(self.t0, self.end, _SAMPLES))
         self.scale: dict[str, Any] = {
@@ -210,14 +193,20 @@ class SeriesErrors:
         self.has = {part: bool(known.any()) for part, known in self.known.items()}
         self.whole = {part: bool(known.size and known.all()) for part, known in self.known.items()}
         self._fading = fading(told.integrator) if told.integrator else 0.0
-        self.single = single or self._in_float()
-        self.resolution = {part: printed(runs, part, self.t0) for part in PARTS}
+        # Round numbers are of any precision, and so is the start.
+        after = {part: [run.state[part][run.t > self.t0].ravel() for run in self.runs]
+                 for part in PARTS}  # fmt: skip
+        self.single = [part for part in PARTS if is_single(np.concatenate(after[part]))]
+        self.resolution = {part: printed(self.runs, part, self.t0) for part in PARTS}
 
-    def _in_float(self) -> bool:
-        """Whether all numbers after the start are of single precision; round ones are of any."""
-        return is_single(np.concatenate([
-            run.state[part][run.t > self.t0].ravel() for run in self.runs for part in PARTS
-        ]))  # fmt: skip
+    def finding(self, name: str, text: str, fault: bool = True, **numbers: Any) -> Finding:
+        """A finding on the series."""
+        return Finding(name, self.runs[-1].series, text, fault, numbers)
+
+    def ours(self, k: int, quantity: str, measure: str = "error") -> float:
+        """What a march of this tool's with the step size of a run leaves; NaN where unknown."""
+        row = self.measured[k].ours.get((measure, quantity))
+        return row.statistics.max if row else math.nan
 
     def error(self, part: str, run: int) -> Array:
         """(rows, size) by how much a run is off."""
@@ -233,7 +222,8 @@ class SeriesErrors:
 
     def floor(self, part: str) -> Array:
         """(k,) what printing and rounding may leave of the last error."""
-        rounding = np.array([one.rounding.get(part, math.nan) for one in self.marched])
+        rows = [of.errors.get(("error", part)) for of in self.measured]
+        rounding = np.array([row.statistics.rounding if row else math.nan for row in rows])
         rounding = np.nan_to_num(rounding) * (_LIKE if self.told.integrator else _UNLIKE)
         power = {"u": 0, "v": 1, "lambda": 2}[part]
         steps = (self.end - self.t0) / self.h
@@ -243,7 +233,8 @@ class SeriesErrors:
     def bound(self, part: str) -> float:
         """Error that truncation may leave at the smallest h.
 
-        It is that of order 1, or of the order on which differences of successive step sizes agree.
+        It is that of order 1, or of the order on which differences of successive step sizes agree;
+        two differences, with the integrator that is named.
         """
         ends = np.array([run.t[-1] for run in self.runs])
         same = np.flatnonzero(np.abs(ends - ends[-1]) < 0.1 * self.h[-1])[-4:]
@@ -256,24 +247,26 @@ class SeriesErrors:
         ])  # fmt: skip
         left = gaps / (h[:-1] / h[1:] - 1) * h[-1] / h[1:]
         bound, floor = float(left[-2:].max()), float(self.floor(part)[-1])
-        if len(gaps) == 3 and (gaps > 3 * floor).all():
-            found = [order_of(h[i : i + 3], gaps[i : i + 2], gaps[i : i + 2] > 0) for i in (0, 1)]
-            if abs(found[0] - found[1]) < 0.3 and found[1] > 1.3:
-                p = min(found) - 0.3
-                bound = min(bound, 1.5 * gaps[-1] * h[-1] ** p / (h[-2] ** p - h[-1] ** p))
+        found = [order_of(h[i : i + 3], gaps[i : i + 2], gaps[i : i + 2] > 0)
+                 for i in range(len(gaps) - 1)]  # fmt: skip
+        if len(found) == 1 and self.told.order:
+            found.append(float(self.told.order))
+        agree = len(found) == 2 and abs(found[0] - found[1]) < 0.3 and found[1] > 1.3
+        if agree and (gaps > 3 * floor).all():
+            p = min(found) - 0.3
+            bound = min(bound, 1.5 * gaps[-1] * h[-1] ** p / (h[-2] ** p - h[-1] ** p))
         return bound + floor
 
     def elsewhere(self, part: str) -> bool:
         """Whether it converges, to something that is not the solution."""
         if not self.has[part] or len(self.runs) < 2:
             return False
-        last = self.last(part)
+        last, bound = self.last(part), self.bound(part)
         factor = 3 if len(self.runs) > 2 else 10
         # Multipliers scatter by more than differences of two step sizes tell.
         least, factor = (_OF_MULTIPLIERS, 3 * factor) if part == "lambda" else (0.0, factor)
-        return bool(
-            last[-1] > max(factor * self.bound(part), least) and last.min() > 0.3 * last[-1]
-        )
+        away = last[-1] > max(factor * bound, least) and last.min() > 0.3 * last[-1]
+        return bool(away and bound < _COARSE)
 
     def order(self, part: str) -> tuple[float, float]:
         """Order over the smallest step sizes above the floors, and how far local ones scatter.
@@ -291,15 +284,18 @@ class SeriesErrors:
         return slope, float(np.ptp(local[-2:]) + abs(local[-1] - local.mean()))
 
     def misfit(self, run: int, rate: bool = False) -> Array:
-        """(rows, m) Φ_k / |G_k| over the size of u; of Φ′ over that of v."""
-        of, missed = self.runs[run], []
+        """(rows, m) Φ_k over the size of u and over |G_k| in the last row; Φ′ over that of v.
+
+        |G_k| may change along the motion, and another length is missed by the same Φ_k.
+        """
+        of, missed, G = self.runs[run], [], np.zeros((self.problem.n, self.problem.m))
         for t, u, v in zip(of.t, of.state["u"], of.state["v"], strict=True):
             x = self.problem.evaluate(float(t), u, np.nan_to_num(v), np.zeros(self.problem.m))
-            value = x.phi
+            value, G = x.phi, x.G
             if rate:
-                value = x.G.T @ v + self.problem.constraint_derivatives(float(t), u, v)[0]
-            missed.append(value / np.maximum(np.linalg.norm(x.G, axis=0), 1e-300))
-        size = self.scale["v" if rate else "u"]
+                value = G.T @ v + self.problem.constraint_derivatives(float(t), u, v)[0]
+            missed.append(value)
+        size = self.scale["v" if rate else "u"] * np.maximum(np.linalg.norm(G, axis=0), 1e-300)
         return np.asarray(np.array(missed).reshape(-1, self.problem.m) / size)
 
     def implied(self, run: int) -> Array:
@@ -307,6 +303,11 @@ class SeriesErrors:
         of = self.runs[run]
         rows = zip(of.t, of.state["u"], of.state["v"], strict=True)
         return np.array([self.truth.solved(t, u, v)[1] for t, u, v in rows])
+
+    def off_implied(self, run: int) -> Array:
+        """(rows, m) by how much λ misses what u and v imply, over its size."""
+        off = self.runs[run].state["lambda"] - self.implied(run)
+        return np.asarray(off / self.scale["lambda"])
 
     def settled(self, run: "Run") -> Mask:
         """Rows at which λ has forgotten the first steps, of which integrators may miss some."""
@@ -330,11 +331,6 @@ class SeriesErrors:
         return float(max(1.0, steps**2) * self._fading**steps)
 
     @cached_property
-    def starts(self) -> bool:
-        """Whether a run has the row of t = 0."""
-        return any(abs(run.t[0] - self.t0) < 1e-11 for run in self.runs)
-
-    @cached_property
     def start(self) -> tuple[Array, Array] | None:
         """Start (n,) u and v in the row of t = 0, where it has all of them."""
         run = self.runs[-1]
@@ -342,8 +338,27 @@ class SeriesErrors:
             return None
         return run.state["u"][0], run.state["v"][0]
 
-    def constraints(self, of: Mask) -> str:
-        """Names of the constraints that a mask marks."""
-        return ", ".join(
-            name for name, marked in zip(self.problem.constraint_names, of, strict=True) if marked
-        )
+
+class WeightedRows:
+    """Rows of the smallest step size that an explanation must meet, in one vector.
+
+    Args:
+        evidence: The series.
+        rows: Their numbers.
+        weight: Part that counts → what its errors are times.
+    """
+
+    def __init__(
+        self, evidence: SeriesErrors, rows: IndexArray, weight: Mapping[str, float]
+    ) -> None:
+        self.times = evidence.runs[-1].t[rows]
+        self._evidence, self._weight = evidence, weight
+
+    def stacked(self, of: Mapping[str, Array]) -> Array:
+        """Part → (rows, known), in one vector."""
+        return np.concatenate([(of[part] * by).ravel() for part, by in self._weight.items()])
+
+    def values(self, truth: Truth) -> Array:
+        """A motion at these rows, in one vector."""
+        there = truth.at(self.times)
+        return self.stacked({part: self._evidence.of(part, there[part]) for part in self._weight})

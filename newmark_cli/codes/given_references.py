@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from newmark_cli.codes import table_files
-from newmark_cli.codes.reading import TOLERANCE, columns_of, names_of, some
+from newmark_cli.codes.evidence import digits_of
+from newmark_cli.codes.reading import SAME_TIME, TOLERANCE, columns_of, names_of, some
 from newmark_cli.mechanisms import registry
 from newmark_cli.newmark.invariants import misfits
 from newmark_cli.problems import multipliers
@@ -27,8 +28,6 @@ from newmark_cli.support.errors import ArgumentError
 
 #: Part of the state → column of its relative error.
 ERRORS = {part: f"error[{part}]" for part in ("u", "v", "lambda")}
-#: Times that differ by less, over their size, are the same.
-_SAME_TIME = 1e-11
 #: Part of its size by which u may miss constraints; digits explain less.
 _WORST = 1e-3
 #: Times that an error names; the least error, which is rounding.
@@ -112,7 +111,7 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
         ArgumentError: When the table cannot be used; names the column or line.
     """
     frame, where = table_files.table(path, {})
-    taken, numbers = columns_of(frame, where, problem, {}, [], ERRORS.values())
+    _, numbers = columns_of(frame, where, problem, {}, [], ERRORS.values())
     ours = {part: [f"{part}[{name}]" for name in names_of(problem)[part]] for part in ERRORS}
     needed = ("t", *ours["u"], *ours["v"])
     if lacking := [name for name in needed if name not in numbers]:
@@ -124,8 +123,8 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
     times = numbers["t"]
     if len(np.unique(times)) < len(times):
         raise ArgumentError(f"{where}: a time is there twice; a reference has one row for each")
-    digits = table_files.most_digits(frame[[taken[name].columns[0] for name in ours["u"]]])
-    usual = numbers.get(TOLERANCE, np.full(len(times), 5.0 * 10.0**-digits if digits else 0.0))
+    digits, _ = digits_of(np.concatenate([numbers[name] for name in ours["u"]]))
+    usual = numbers.get(TOLERANCE, np.full(len(times), 5.0 * 10.0**-digits))
     errors = {}
     for part, name in ERRORS.items():
         errors[part] = numbers.get(name, usual)
@@ -142,7 +141,7 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
     def of(since: float) -> Reference:
         t = problem.t0 + since
         row = int(np.abs(times - t).argmin())
-        if abs(times[row] - t) <= _SAME_TIME * max(1.0, abs(t)):
+        if abs(times[row] - t) <= SAME_TIME * max(1.0, abs(t)):
             state = {part: np.array([x[row] for x in values]) for part, values in states.items()}
             missed = misfits(problem, t, state["u"], state["v"])["position"] if problem.m else None
             if missed is not None and missed.error > _WORST * missed.sizes[0]:
@@ -151,7 +150,7 @@ def reference_at(path: Path, problem: Problem) -> Callable[[float], Reference]:
                     f"{problem.name} by {missed.error:.1g}: it is of another problem or unit"
                 )
             return _reference(problem, t, state, {part: errors[part][row] for part in errors})
-        if abs(since) > _SAME_TIME:
+        if abs(since) > SAME_TIME:
             listed = ", ".join(f"{time:g}" for time in times[:_MOST_NAMED])
             more = f" and {len(times) - _MOST_NAMED} more" if len(times) > _MOST_NAMED else ""
             raise NoReference(f"{where}: no reference at t = {t:.10g}; has t = {listed}{more}")

@@ -1,6 +1,7 @@
 """Causes that Φ and λ tell: lengths, drift, Newton's iteration, factors of λ."""
 
 import itertools
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,128 +21,118 @@ _NEAR_ONE = 1e-4
 _POWERS = (0, 1, 2, -2, -1)
 
 
-def length(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def length(evidence: SeriesErrors) -> Iterator[Finding]:
     """Φ of one constraint missed by the same amount at every h and t."""
     problem, runs = evidence.problem, evidence.runs
     if len(runs) < 2 or not problem.m or not evidence.whole["u"]:
         return
-    later = [evidence.misfit(k)[run.t > evidence.t0 + 0.5 * evidence.step_of(run)]
-             for k, run in enumerate(runs)]  # fmt: skip
-    every = np.concatenate(later[-3:])
+    every = np.concatenate(_after_start(evidence)[-3:])
     mean, spread = every.mean(axis=0), np.ptp(every, axis=0)
     hit = np.abs(mean) > np.maximum(10 * spread, 30 * evidence.resolution["u"] + 1e-11)
     if not hit.any():
         return
     k = int(np.argmax(np.where(hit, np.abs(mean), 0.0)))
-    missed = float(mean[k] * evidence.scale["u"])
-    said = f"Φ of {evidence.constraints(hit)} is missed by {missed:.3g} m at every h"
-    # A penalty misses all of them, but for those that keep a body rigid, and by what λ is then.
+    whole, end = _gradient(evidence, k)
+    missed = float(mean[k] * evidence.scale["u"]) * whole / end
     names = problem.constraint_names
+    said = f"Φ of {', '.join(np.array(names)[hit])} is missed by {missed:.3g} m at every h"
+    # A penalty misses all of them, but for those that keep a body rigid, and by what λ is then.
     apart = np.array([not (name.startswith("bodies.") or "·" in name) for name in names])
     exact = bool((np.abs(every).max(axis=0) < 1e-3 * np.abs(mean).max())[apart].any())
     if np.ptp(runs[-1].t) < 0.3 * (evidence.end - evidence.t0) and not exact:
-        yield Finding(
-            "seen", label,
-            f"{said}: a length or place of the constraint differs, or a penalty holds it; rows at "
-            "another time would tell", True, {"misfit": missed, "length": True},
-        )  # fmt: skip
+        text = f"{said}: a length or place of the constraint differs, or a penalty holds it; rows "
+        yield evidence.finding("seen", f"{text}at another time would tell", misfit=missed)
         return
     also = ", and others are met" if exact else ""
-    yield Finding("length", label,
-                  f"{said} and t{also}: a length or place of the constraint differs",
-                  True, {"misfit": missed})  # fmt: skip
+    text = f"{said} and t{also}: a length or place of the constraint differs"
+    yield evidence.finding("length", text, misfit=missed)
 
 
-def single(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def single(evidence: SeriesErrors) -> Iterator[Finding]:
     """Φ that is noise of the size of single precision."""
     if not evidence.whole["u"] or not evidence.problem.m or evidence.resolution["u"] > 1e-9:
         return
-    rows = [_after_start(evidence, k) for k in range(len(evidence.runs))]
+    rows = _after_start(evidence)
     worst = np.array([np.abs(of).max(initial=0.0) for of in rows])
     every = np.concatenate([of[:, int(np.abs(of).max(axis=0).argmax())] for of in rows])
     low, high = _SINGLE
-    both = (every > 0).any() and (every < 0).any()
+    of_its_size = len(rows) > 1 and (worst > low).all() and (worst < high).all()
+    both_signs = (every > 0).any() and (every < 0).any()
+    stays = worst[-1] > 0.2 * worst[0]
     held = _held(evidence, len(rows) - 1, float(worst[-1]))
-    if (
-        held is None
-        and len(rows) > 1
-        and (worst > low).all()
-        and (worst < high).all()
-        and worst[-1] > 0.2 * worst[0]
-        and both
-    ):
-        yield Finding(
-            "single precision", label,
+    if of_its_size and both_signs and stays and held is None:
+        text = (
             f"Φ is noise of {worst[-1]:.1g} of the coordinates at every h, as rounding of single "
-            "precision leaves: something is computed in float", True, {"misfit": float(worst[-1])},
-        )  # fmt: skip
+            "precision leaves: something is computed in float"
+        )
+        yield evidence.finding("single precision", text, misfit=float(worst[-1]))
 
 
-def constraints(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
     """Φ above rounding: held at another level, or by an iteration that ends early."""
     told, last_u = evidence.told, evidence.last("u")
     if not evidence.whole["u"] or not evidence.problem.m or last_u.max() > 1:
         return
     strict = told.formulation in ("index-3", "ggl", "augmented-lagrangian")
-    misfits = [_after_start(evidence, k) for k in range(len(evidence.runs))]
+    misfits = _after_start(evidence)
     value = np.array([np.abs(of).max(initial=0.0) for of in misfits])
-    ours = np.array([one.misfit for one in evidence.marched]) * (1e3 if strict else 0.0)
-    floor = np.maximum(np.nan_to_num(ours), max(3 * evidence.resolution["u"], 2e-13))
-    above = np.flatnonzero(value > floor)
+    ours = np.array([evidence.ours(k, "position", "invariant") for k in range(len(value))])
+    least = max(3 * evidence.resolution["u"], 2e-13)
+    above = np.flatnonzero(value > np.fmax(ours * (1e3 if strict else 0.0), least))
     if not len(above):
         return
     k = int(above[0])
-    run, missed = evidence.runs[k], float(value[k])
-    seen, numbers = f"Φ is missed by {missed:.2g} at h = {run.size:g}", {"misfit": missed}
+    missed = float(value[k])
+    seen = f"Φ is missed by {missed:.2g} at h = {evidence.h[k]:g}"
     if held := _held(evidence, k, missed):
         rate, level, formulation = held
         hint = f"hold Φ as well (GGL, or a projection), or say that it is {formulation}"
         end = hint if strict else f"as {formulation} has it"
-        yield Finding(
-            "drift", label,
+        text = (
             f"{seen}, {rate} by rounding only: constraints are held at the level of {level}, so "
-            f"that positions drift; {end}", strict, numbers | {"level": formulation},
-        )  # fmt: skip
+            f"that positions drift; {end}"
+        )
+        yield evidence.finding("drift", text, strict, misfit=missed, level=formulation)
         return
     worse = [
         SYMBOLS[part] for part in PARTS
-        if evidence.has[part] and part in (marched := evidence.marched[k]).errors
-        and evidence.last(part)[k] > 2 * max(marched.errors[part], evidence.floor(part)[k])
+        if told.integrator and evidence.has[part]
+        and evidence.last(part)[k] > 2 * max(evidence.ours(k, part), evidence.floor(part)[k])
     ]  # fmt: skip
-    worse = worse if told.integrator else []
     matters = missed > 1e-2 * min(last_u[k], 1e-4) or bool(worse)
     rows = np.abs(misfits[k]).max(axis=1)
     steady = len(rows) > 3 and rows[:2].max() > 0.02 * rows[-3:].max()
     early = strict and steady and len(above) > 1
     if early and not (evidence.whole["v"] and evidence.whole["lambda"]):
         lacks = "λ" if evidence.whole["v"] else "v and λ"
-        yield Finding(
-            "seen", label,
+        text = (
             f"{seen} already after the first steps: the test of convergence is met too soon, or "
-            f"Φ′ or Φ″ is held in its place; {lacks} would tell",
-            matters, numbers,
-        )  # fmt: skip
+            f"Φ′ or Φ″ is held in its place; {lacks} would tell"
+        )
+        yield evidence.finding("seen", text, matters, misfit=missed)
     elif early:
         more = f", and {', '.join(worse)} at the end are worse than the method's" if worse else ""
         harmless = "" if matters else "; the results do not suffer"
-        yield Finding(
-            "Newton ends early", label,
+        text = (
             f"{seen} already after the first steps, where an iteration to the end leaves rounding; "
             f"neither Φ′ nor Φ″ is held instead{more}: the test of convergence is met too soon"
-            f"{harmless}; test ‖Δu‖ over ‖u‖ to 1e-12, or iterate until corrections grow",
-            matters, numbers,
-        )  # fmt: skip
+            f"{harmless}; test ‖Δu‖ over ‖u‖ to 1e-12, or iterate until corrections grow"
+        )
+        yield evidence.finding("Newton ends early", text, matters, misfit=missed)
     else:
-        yield Finding(
-            "seen", label,
+        text = (
             f"{seen}: more than rounding, as a tolerance of Newton's iteration, a penalty or "
-            "stabilisation leaves", strict and matters, numbers,
-        )  # fmt: skip
+            "stabilisation leaves"
+        )
+        yield evidence.finding("seen", text, strict and matters, misfit=missed)
 
 
-def _after_start(evidence: SeriesErrors, k: int) -> Array:
-    run = evidence.runs[k]
-    return evidence.misfit(k)[run.t > evidence.t0 + 0.5 * evidence.step_of(run)]
+def _after_start(evidence: SeriesErrors) -> list[Array]:
+    """Of each run, (rows, m) misfits of Φ after its start."""
+    return [
+        evidence.misfit(k)[run.t > evidence.t0 + 0.5 * evidence.step_of(run)]
+        for k, run in enumerate(evidence.runs)
+    ]
 
 
 def _held(evidence: SeriesErrors, k: int, missed: float) -> tuple[str, str, str] | None:
@@ -154,8 +145,7 @@ def _held(evidence: SeriesErrors, k: int, missed: float) -> tuple[str, str, str]
     if rate < max(3 * evidence.resolution["v"], 2e-13):
         return of_rate
     if evidence.whole["lambda"]:
-        off = (run.state["lambda"] - evidence.implied(k)) / evidence.scale["lambda"]
-        off = off[run.t > evidence.t0]
+        off = evidence.off_implied(k)[run.t > evidence.t0]
         gap = np.abs(off[np.isfinite(off)]).max(initial=0.0)
         if gap < max(1e-2 * missed, 10 * evidence.resolution["lambda"], 1e-10):
             return "Φ″", "accelerations (index 1)", "index-1"
@@ -170,7 +160,7 @@ def _rate(evidence: SeriesErrors, k: int) -> float:
     return float(np.abs(evidence.misfit(k, rate=True)[later]).max(initial=0.0))
 
 
-def alternation(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def alternation(evidence: SeriesErrors) -> Iterator[Finding]:
     """λ less what u and v imply, of opposite signs in successive rows and no smaller with h."""
     if not all(evidence.whole.values()):
         return
@@ -180,8 +170,7 @@ def alternation(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
             continue  # what the start left has not been damped yet
         gaps = np.flatnonzero(np.abs(np.diff(run.t) - run.size) > 1e-6 * run.size)
         first = int(gaps[-1]) + 1 if len(gaps) else int(run.t[0] < evidence.t0 + 1e-11)
-        first = max(first, len(run.t) - _LAST)
-        off = (run.state["lambda"][first:] - evidence.implied(k)[first:]) / evidence.scale["lambda"]
+        off = evidence.off_implied(k)[max(first, len(run.t) - _LAST) :]
         if len(off) > 2 and np.isfinite(off).all():
             worst = off[:, int(np.abs(off).max(axis=0).argmax())]
             largest = np.abs(worst).max()
@@ -190,15 +179,14 @@ def alternation(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
                 seen.append((run.size, float(largest)))
     if len(seen) < max(2, len(evidence.runs) / 2) or seen[-1][1] < max(0.3 * seen[0][1], 1e-8):
         return
-    text = (f"λ alternates from step to step by {seen[-1][1]:.2g} of its size at h = "
-            f"{seen[-1][0]:g}, and no smaller h helps: ")  # fmt: skip
-    if damped:
-        text += "a method of this name damps it"
-    else:
-        text += ("nothing damps it, as in the trapezoidal rule; take generalized-α, HHT or BDF2, "
-                 "project velocities, or average two steps")  # fmt: skip
-    yield Finding("seen" if damped else "alternation", label, text, damped,
-                  {"amplitude": seen[-1][1], "h": seen[-1][0]})  # fmt: skip
+    h, amplitude = seen[-1]
+    why = "a method of this name damps it" if damped else (
+        "nothing damps it, as in the trapezoidal rule; take generalized-α, HHT or BDF2, "
+        "project velocities, or average two steps"
+    )  # fmt: skip
+    text = f"λ alternates from step to step by {amplitude:.2g} of its size at h = {h:g}, and no "
+    name = "seen" if damped else "alternation"
+    yield evidence.finding(name, f"{text}smaller h helps: {why}", damped, amplitude=amplitude, h=h)
 
 
 def in_pairs(evidence: SeriesErrors) -> bool:
@@ -256,12 +244,17 @@ def reason(evidence: SeriesErrors, name: str, factor: float, power: int) -> str:
     for (value, of_power), why in _KNOWN.items():
         if power == of_power and abs(factor / value - 1) < 0.02:
             return why
-    problem = evidence.problem
-    column = problem.constraint_names.index(name)
-    end = evidence.reference[-1]["u"][-1]
-    G = problem.evaluate(evidence.end, end, np.zeros(problem.n), np.zeros(problem.m)).G[:, column]
-    dimensions = 2 if problem.n % 3 else 3
-    ends = np.linalg.norm(G.reshape(-1, dimensions), axis=1) if problem.n % dimensions == 0 else G
-    if power == 0 and abs(factor / max(float(np.abs(ends).max()), 1e-300) - 1) < 0.02:
+    _, end = _gradient(evidence, evidence.problem.constraint_names.index(name))
+    if power == 0 and abs(factor / end - 1) < 0.02:
         return "Φ is a length, |Δ| − L in place of ½(|Δ|² − L²)"
     return ""
+
+
+def _gradient(evidence: SeriesErrors, k: int) -> tuple[float, float]:
+    """|G_k| at the end of the motion, and that of its point with the largest: Δ of a bar."""
+    problem, u = evidence.problem, evidence.reference[-1]["u"][-1]
+    G = problem.evaluate(evidence.end, u, np.zeros(problem.n), np.zeros(problem.m)).G[:, k]
+    points = [name.rpartition(".")[0] for name in problem.coordinate_names]
+    squares = {point: sum(g * g for g, of in zip(G, points, strict=True) if of == point)
+               for point in points}  # fmt: skip
+    return float(np.linalg.norm(G)), max(math.sqrt(max(squares.values())), 1e-300)

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from newmark_cli.problems import user_code
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import apart
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.errors import ArgumentError, one_line
+from newmark_cli.support.errors import ArgumentError, InputError, one_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -214,7 +214,7 @@ class PythonCode(OtherCode):
                 return self._read(solved(*arguments), wanted)
             # Each call runs the file anew; what it has imported is installed, and takes seconds.
             return self._read(apart.call(solved, arguments, None, self.path, stopped), wanted)
-        except (apart.ApartError, ArgumentError) as error:
+        except (apart.ApartError, InputError) as error:
             raise CodeError(str(error)) from None
 
 
@@ -224,24 +224,16 @@ def solved(
     """The table that a function of the user's returns; runs in a process of its own.
 
     Raises:
-        ArgumentError: What went wrong, in a line; classes of errors may be the user's.
+        InputError: What went wrong, in a line; classes of errors may be the user's.
     """
-    file = code.path.name
-    try:
-        with user_code.imports_from(code.path.parent):
-            module = user_code.run(code.path, code.path.read_bytes(), code.path.stem)
-            solve = getattr(module, code.function, None)
-            if solve is None:
-                raise CodeError(f"{file} has no {code.function}")
-            problem = spec.load()
-            start = u0.copy(), v0.copy()
-            return _frame(solve(problem, h, t_end, *start, **dict(code.arguments)), problem)
-    except CodeError as error:
-        raise ArgumentError(str(error)) from None
-    except BaseException as error:
-        if user_code.is_interrupt(error):
-            raise
-        raise ArgumentError(user_code.described(error, file)) from None
+
+    def called(solve: Callable[..., Any]) -> "pd.DataFrame":
+        problem = spec.load()
+        start = u0.copy(), v0.copy()
+        return _frame(solve(problem, h, t_end, *start, **dict(code.arguments)), problem)
+
+    made = user_code.made_of(code.path, code.path.read_bytes(), code.function, called)
+    return cast("pd.DataFrame", made)
 
 
 def _frame(returned: Any, problem: Problem) -> "pd.DataFrame":
@@ -254,7 +246,7 @@ def _frame(returned: Any, problem: Problem) -> "pd.DataFrame":
     parts = [f"{part}[{name}]" for part in ("u", "v", "lambda") for name in names[part]]
     rows = np.asarray(returned, float)
     if rows.ndim != 2 or rows.shape[1] not in (1 + 2 * problem.n, 1 + len(parts)):
-        raise CodeError(
+        raise ArgumentError(
             "must return a mapping or DataFrame with named columns, or rows of t, u, v and λ, "
             f"{1 + len(parts)} numbers each, given shape {rows.shape}"
         )

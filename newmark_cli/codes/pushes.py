@@ -4,13 +4,16 @@ To first order in h an integrator solves M a = f + G λ + h w: each change of a 
 w(t), and its effect on the motion is that of a further force, or of another start.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
-from newmark_cli.codes.evidence import SYMBOLS, Finding, SeriesErrors
+from newmark_cli.codes.evidence import SYMBOLS, Finding, SeriesErrors, WeightedRows
 from newmark_cli.codes.truth import Truth
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.support.arrays import Array
 
 #: An order that is 1, and how far local orders may scatter.
@@ -20,6 +23,8 @@ _GRID, _APART = 400, 1e-6
 #: What an explanation may leave of u and v, and where terms of higher order are large; others must
 #: leave more than so many times as much.
 _LEAVES, _MOST, _WORSE = 0.2, 0.35, 3.0
+#: Times more that one of two changes that are alike may leave.
+_ALIKE = 2.0
 
 _SAYS = {
     "averaging":
@@ -60,7 +65,7 @@ class _Tried:
         return self.name not in ("averaging", "a(0)") and self.c == 1.0
 
 
-def first_order(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
+def first_order(evidence: SeriesErrors) -> Iterator[Finding]:
     """Errors like h, and the change of a step that explains them.
 
     A fault only where the method that the caller names has a higher order.
@@ -77,26 +82,20 @@ def first_order(evidence: SeriesErrors, label: str) -> Iterator[Finding]:
     said = " and ".join(f"{SYMBOLS[part]} has order {order:.2f}" for part, order in low.items())
     tried = sorted(_tried(evidence), key=lambda x: (x.left > 0.05 or not x.plain, x.left))
     seen = {one.name: {"leaves": one.left, "c": one.c} for one in tried[:4]}
+    numbers = {"orders": low, "tried": seen}
     good = [one for one in tried if one.left < _allowed(evidence)]
     if good and all(x.left > _WORSE * good[0].left + 0.02 for x in tried if not _same(good[0], x)):
         best = _likeliest(good)
         sign = "−" if best.c > 0 else "+"
         says = _SAYS[best.name].format(c=best.c, sign=sign, size=abs(best.c))
         hint = "" if fault else "; if your method has order 2, this is what is wrong with it"
-        yield Finding(
-            best.name.partition("/")[0], label,
-            f"{said}: {says}; this explains all but {best.left:.1%} "
-            f"of u and v at all rows{hint}",
-            fault, {"orders": low, "tried": seen},
-        )  # fmt: skip
+        text = f"{said}: {says}; this explains all but {best.left:.1%} of u and v at all rows{hint}"
+        yield evidence.finding(best.name.partition("/")[0], text, fault, **numbers)
         return
     wanted = f", where the method has {told.order}" if fault else ""
     hint = "" if fault else "; if your method has order 2, something of the step is wrong"
-    yield Finding(
-        "order 1" if fault else "seen", label,
-        f"{said}{wanted}; no change of a step that was tried explains it alone{hint}",
-        fault, {"orders": low, "tried": seen},
-    )  # fmt: skip
+    text = f"{said}{wanted}; no change of a step that was tried explains it alone{hint}"
+    yield evidence.finding("order 1" if fault else "seen", text, fault, **numbers)
 
 
 def _likeliest(good: Sequence[_Tried]) -> _Tried:
@@ -125,6 +124,9 @@ def _allowed(evidence: SeriesErrors) -> float:
 def _same(one: _Tried, other: _Tried) -> bool:
     """Whether two are one change, where one of them has a free number or is part of the other."""
     names = {one.name.partition("/")[0], other.name.partition("/")[0]}
+    if "averaging" in names and names & {"backward Euler", "forward Euler"}:
+        # Weights that are off by about 1 are those of Euler's methods, but for the first step.
+        return max(one.left, other.left) < _ALIKE * min(one.left, other.left)
     return one is other or (one.name != "averaging" and names <= {"old force", "averaging"})
 
 
@@ -149,10 +151,7 @@ def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
     pushes = {name: push for name, push in pushes.items() if np.abs(push).max() > 1e-6 * largest}
     # Of one part alone the whole is the same.
     whole = sum(pushes.values(), start=np.zeros_like(now))
-    if len(pushes) != 1:
-        pushes["old force"] = whole
-    else:
-        pushes = {"old force": whole}
+    pushes = (pushes if len(pushes) != 1 else {}) | {"old force": whole}
     gradients = np.array([problem.evaluate(float(t), u, v, none).G for t, u, v, _ in rows])
     turning = np.gradient(gradients, grid, axis=0)
     pushes["old force/G"] = -np.einsum("tnm,tm->tn", turning, way["lambda"])
@@ -164,57 +163,38 @@ def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
 
 def _tried(evidence: SeriesErrors) -> list[_Tried]:
     """Each change with the part of u and v that it leaves."""
-    problem, run, h = evidence.problem, evidence.runs[-1], float(evidence.h[-1])
-    rows, k = evidence.looked_at(run), len(evidence.runs) - 1
-    parts = [part for part in ("u", "v") if evidence.has[part]]
-    off = {part: evidence.error(part, k)[rows] / h for part in parts}
-    there = {part: values[rows] for part, values in evidence.reference[k].items()}
-    small = 1e-3 * h
+    problem, none, h = evidence.problem, np.zeros(evidence.problem.m), float(evidence.h[-1])
+    rows = evidence.looked_at(evidence.runs[-1])
+    off = {part: evidence.error(part, -1)[rows] for part in ("u", "v") if evidence.has[part]}
+    weight = {part: h / (float(np.abs(of).max()) or 1.0) for part, of in off.items()}
+    met = WeightedRows(evidence, rows, weight)
+    wanted, right, small = met.stacked(off) / h, met.values(evidence.truth), 1e-3 * h
+
+    def effect(**changed: Any) -> Array:
+        return (met.values(Truth(problem, evidence.end, **changed)) - right) / small
+
     grid = np.linspace(evidence.t0, evidence.end, _GRID)
-
-    def effect(push: Array | None = None, v0: Array | None = None) -> dict[str, Array]:
-        def force(t: float, u: Array, v: Array) -> Array:
-            assert push is not None
-            place = (t - grid[0]) / (grid[1] - grid[0])
-            before = min(max(int(place), 0), len(grid) - 2)
-            share = place - before
-            return np.asarray(small * ((1 - share) * push[before] + share * push[before + 1]))
-
-        moved = Truth(
-            problem, evidence.end, force=None if push is None else force,
-            v0=None if v0 is None else problem.v0 + small * v0,
-        ).at(run.t[rows])  # fmt: skip
-        return {part: evidence.of(part, moved[part] - there[part]) / small for part in parts}
-
-    effects = {name: effect(push) for name, push in _pushes(evidence, grid).items()}
-    a0, _ = evidence.truth.solved(evidence.t0, problem.u0, problem.v0)
-    effects["a(0)"] = effect(v0=-_free(evidence, a0))
+    effects: dict[str, Array] = {}
+    for name, push in _pushes(evidence, grid).items():
+        further = make_interp_spline(grid, small * push, k=1)
+        effects[name] = effect(force=lambda t, u, v, further=further: further(t))
+    start = evidence.t0, problem.u0, problem.v0
+    a0, _ = evidence.truth.solved(*start)
+    # The part of a(0) that the constraints allow, which is M a less what they take of it.
+    mass_times_a = np.concatenate([problem.M @ a0, none])
+    free = Index1(problem).solution(problem.values(*start, none).g, mass_times_a)[: problem.n]
+    effects["a(0)"] = effect(v0=problem.v0 - small * free)
     if "averaging" in effects:
-        backward = {}
-        for part in parts:
-            shift = 0.5 * evidence.of("v", there["a"]) if part == "v" else 0.0
-            backward[part] = effects["averaging"][part] - 0.5 * effects["a(0)"][part] - shift
-        effects["backward Euler"] = backward
-        effects["forward Euler"] = {part: -values for part, values in backward.items()}
-    sizes = {part: float(np.abs(off[part]).max()) or 1.0 for part in parts}
-    wanted = np.concatenate([(off[part] / sizes[part]).ravel() for part in parts])
+        a = evidence.reference[-1]["a"][rows]
+        shift = {part: 0.5 * evidence.of(part, a) * (part == "v") for part in off}
+        backward = effects["averaging"] - 0.5 * effects["a(0)"] - met.stacked(shift)
+        effects |= {"backward Euler": backward, "forward Euler": -backward}
     tried = []
-    for name, of in effects.items():
-        slope = np.concatenate([(of[part] / sizes[part]).ravel() for part in parts])
+    for name, slope in effects.items():
         low, high = _FREE.get(name, (1.0, 1.0))
-        c = float(slope @ wanted / max(slope @ slope, 1e-300)) if name in _FREE else 1.0
+        c = float(slope @ wanted) / max(float(slope @ slope), 1e-300) if name in _FREE else 1.0
         if name != "averaging" and abs(c - 1) < _WHOLE:
             c = 1.0
         if slope.any() and low <= c <= high:
             tried.append(_Tried(name, float(np.abs(wanted - c * slope).max()), c))
     return tried
-
-
-def _free(evidence: SeriesErrors, a: Array) -> Array:
-    """The part of an acceleration at the start that the constraints allow."""
-    problem = evidence.problem
-    G = problem.evaluate(evidence.t0, problem.u0, problem.v0, np.zeros(problem.m)).G
-    matrix = np.block([[problem.M, -G], [G.T, np.zeros((problem.m, problem.m))]])
-    right = np.concatenate([problem.M @ a, np.zeros(problem.m)])
-    solution: Mapping[int, Array] | Array = np.linalg.lstsq(matrix, right, rcond=None)[0]
-    return np.asarray(solution)[: problem.n]

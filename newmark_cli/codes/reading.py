@@ -6,15 +6,14 @@ A row is the state of one run at one time.  Columns are named as in `Trajectory.
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from newmark_cli.codes import table_files
-from newmark_cli.codes.evidence import is_single
 from newmark_cli.codes.formulas import Formula, column, formula
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, shown
@@ -45,10 +44,10 @@ _UNITS = {"mm": 1e-3, "mm/s": 1e-3, "cm": 1e-2, "cm/s": 1e-2, "ms": 1e-3, "us": 
           "deg": math.pi / 180, "deg/s": math.pi / 180}  # fmt: skip
 #: What may help where a table lacks columns.
 _HELP = '; --columns FILE says which are meant, such as "t: \'#1\'", the first, or "h: 0.002"'
+#: Times that differ by less, over their size, are the same.
+SAME_TIME = 1e-11
 #: Name of a series that the table does not name.
 UNNAMED = "your code"
-#: Lines in which digits are counted, and digits that suffice to judge rounding.
-_LOOKED_AT, _FEW_DIGITS = 200, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,15 +83,7 @@ class Runs:
 
     runs: Sequence[Run]  #: in the order of series, and of sizes from the largest
     abscissa: str  #: ``"h"`` or ``"tolerance"``
-    components: Mapping[str, Sequence[str]]  #: part → names of its components that the table has
     notes: Sequence[str]  #: what was taken for granted, in sentences
-    digits: int = 0  #: most digits of a number, as text; 0 where there is no text
-    single: bool = False  #: whether each number of the state is one of single precision
-
-    @property
-    def few_digits(self) -> bool:
-        """Whether numbers were printed with fewer digits than rounding needs."""
-        return 1 < self.digits < _FEW_DIGITS
 
 
 def names_of(problem: Problem) -> dict[str, tuple[str, ...]]:
@@ -129,29 +120,22 @@ def read(source: Any, problem: Problem, columns: Mapping[str, Any] | None = None
         lacking = "t" if abscissa else "h, tolerance or steps"
         raise ArgumentError(f"{where}: needs a column {lacking}{has}")
     ours = {part: [f"{part}[{name}]" for name in names]
-            for part, names in names_of(problem).items() if names}  # fmt: skip
+            for part, names in names_of(problem).items()}  # fmt: skip
     present = {part: [name for name in names if name in numbers] for part, names in ours.items()}
-    state = [*chain(*present.values())]
-    if not state:
-        wanted = ", ".join(names[0] for names in ours.values())
+    if not any(present.values()):
+        wanted = ", ".join(names[0] for names in ours.values() if names)
         raise ArgumentError(f"{where}: no column of {problem.name}, such as {wanted}{has}")
     table = pd.DataFrame({"series": UNNAMED, "twin": 0.0, **numbers}, index=frame.index)
     for name in TEXTS:
         if name in taken:
             table[name] = frame[taken[name].columns[0]].fillna("").astype(str)
     _refuse_rows(table, abscissa, where, problem.t0)
-    later = frame[(table["t"] > problem.t0).to_numpy()]
-    if not len(later):
+    if not (table["t"] > problem.t0).any():
         raise ArgumentError(f"{where}: only starts: add rows that your code has computed")
-    written = [*dict.fromkeys(chain(*(taken[name].columns for name in state)))]
-    as_written = [numbers[name] for name in state if taken[name].is_plain]
     return Runs(
         _runs(table, abscissa, problem, ours, present),
         TOLERANCE if abscissa == TOLERANCE else STEP_SIZE,
-        present,
         notes,
-        table_files.most_digits(later[written].head(_LOOKED_AT)),
-        is_single(np.concatenate([np.zeros(0), *as_written])),
     )
 
 
@@ -314,12 +298,3 @@ def some(names: Iterable[Any]) -> str:
     """The first names of a list, in words."""
     every = [str(name) for name in names]
     return ", ".join(every[:6]) + (f" and {len(every) - 6} more" if len(every) > 6 else "")
-
-
-def changed(runs: Runs, change: Callable[[Run], Mapping[str, Array]], *notes: str) -> Runs:
-    """The same runs with other values of their states."""
-    return replace(
-        runs,
-        runs=[replace(run, state={**run.state, **change(run)}) for run in runs.runs],
-        notes=(*runs.notes, *notes),
-    )

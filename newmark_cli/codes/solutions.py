@@ -6,14 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from newmark_cli.codes.given_references import of_testset
-from newmark_cli.codes.reading import Run
+from newmark_cli.codes.reading import SAME_TIME, Run
+from newmark_cli.newmark.invariants import Misfit, misfits
 from newmark_cli.newmark.statistics import Measurement
+from newmark_cli.newmark.twins import last_places_off
+from newmark_cli.problems.index_1 import Index1
 from newmark_cli.problems.problem import Problem
 from newmark_cli.problems.reference import Reference, solution
 from newmark_cli.support.arrays import Array
 
-#: Times that differ by less, over their size, are the same.
-SAME_TIME = 1e-11
 #: Largest power of 1/h with which rounding of a quantity grows; 0 of others.
 _GROWTH = {"lambda": 2.0, "multiplier": 2.0, "force": 2.0, "moment": 2.0,
            "v": 1.0, "velocity": 1.0, "omega": 1.0}  # fmt: skip
@@ -73,3 +74,28 @@ def roundings(measurements: Sequence[Measured], name: tuple[str, str]) -> Array:
             ratio = sizes[known[-1]] / sizes[place]
             rounding[place] = rounding[known[-1]] * ratio ** _GROWTH.get(name[1], 0.0)
     return rounding
+
+
+def misfits_at(problem: Problem, run: Run, row: int, aside: int = 0) -> dict[str, Misfit]:
+    """What a row of a run misses of the invariants that its columns tell of.
+
+    λ is compared with that which u and v imply; u and v of a twin with other last places.
+    """
+    u, v, multipliers = (run.state.get(part, np.zeros((len(run.t), 0)))[row]
+                         for part in ("u", "v", "lambda"))  # fmt: skip
+    if not np.isfinite(u).all():
+        return {}
+    if aside:
+        u, v = last_places_off(np.array([u, v]), aside - 1)
+    with_v = bool(np.isfinite(v).all())
+    missed = misfits(problem, float(run.t[row]), u, v if with_v else np.zeros(problem.n))
+    if not with_v:
+        return {"position": missed["position"]}
+    if problem.m and np.isfinite(multipliers).all():
+        try:
+            with np.errstate(all="ignore"):
+                _, implied = Index1(problem).accelerations(float(run.t[row]), u, v)
+            missed["multiplier"] = Misfit(multipliers - implied, np.abs(implied))
+        except np.linalg.LinAlgError:
+            pass
+    return missed

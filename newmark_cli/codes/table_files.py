@@ -85,15 +85,14 @@ def numbers(frame: "pd.DataFrame", name: str, where: str) -> Array:
         pass  # where some are empty, words, or Fortran's
     found = np.full(len(values), np.nan)
     for place, value in enumerate(values):
-        text = _EXPONENT.sub("e", str(value).strip())
+        text = str(value).strip()
         # "nan" is in all that C writes for numbers that are none, such as -nan(ind).
-        if text and text != "None" and "nan" not in text.lower():
-            try:
-                found[place] = float(text)
-            except ValueError:
-                raise ArgumentError(
-                    f"{where}: {name}, {line(frame, place)}: not a number, given {text!r}"
-                ) from None
+        if not text or text == "None" or "nan" in text.lower():
+            continue
+        if not is_number(text):
+            at = line(frame, place)
+            raise ArgumentError(f"{where}: {name}, {at}: not a number, given {text!r}")
+        found[place] = float(_EXPONENT.sub("e", text))
     return found
 
 
@@ -134,13 +133,6 @@ def _wide(frame: "pd.DataFrame", names: dict[str, Any], where: str) -> "pd.DataF
     found = rows.pivot(index="group", columns="name", values=VALUE)
     first = frame.drop_duplicates(others) if others else frame[:1]
     return pd.concat([first[others], found.set_axis(first.index, axis=0)], axis=1)
-
-
-def most_digits(frame: "pd.DataFrame") -> int:
-    """Most significant digits of numbers that are text; 0 where there is no text."""
-    texts = (text for text in frame.to_numpy().flat if isinstance(text, str))
-    mantissas = (re.sub(r"[eEdDqQ].*", "", text).strip().lstrip("+-0.") for text in texts)
-    return max((len(mantissa.replace(".", "")) for mantissa in mantissas), default=0)
 
 
 def _file(path: Path) -> "pd.DataFrame":

@@ -39,6 +39,7 @@ class Truth:
         force: A further force.
         curvature: Factors of κ in Gᵀa + κ = 0, and of its part at v = 0, which is that of driven
             constraints: other codes may lack either.
+        recovered: Whether this is so of λ only, as where u and v are projected.
         tolerance: Local tolerance, relative to the largest coordinate and velocity.
 
     Raises:
@@ -54,9 +55,11 @@ class Truth:
         v0: Array | None = None,
         force: Force | None = None,
         curvature: tuple[float, float] = (1.0, 1.0),
+        recovered: bool = False,
         tolerance: float = EXACT,
     ) -> None:
-        self.problem, self._force, self._curvature, self._left = problem, force, curvature, _MOST
+        self.problem, self._force, self._left = problem, force, _MOST
+        self._curvature = (1.0, 1.0) if recovered else curvature
         u0, v0 = (problem.u0 if u0 is None else u0), (problem.v0 if v0 is None else v0)
         n, m, pattern = problem.n, problem.m, problem.pattern
         self._matrix = np.zeros((n + m, n + m))
@@ -73,7 +76,7 @@ class Truth:
         if not solved.success:
             raise NoMotion(str(solved.message))
         assert solved.sol is not None  # since dense output was asked for
-        self._states = solved.sol
+        self._states, self._curvature = solved.sol, curvature
 
     def _rate(self, t: float, y: Array) -> Array:
         self._left -= 1

@@ -4,24 +4,22 @@ A change is undone only if one change fits the rows of small step sizes and what
 λ is looked at only where u is right: of another motion it says nothing.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from newmark_cli.codes.reading import Run, Runs, names_of
 from newmark_cli.codes.truth import Truth
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array, IndexArray, Mask
+from newmark_cli.support.arrays import Array, IndexArray
 
-if TYPE_CHECKING:
-    from newmark_cli.codes.reading import Run
-
-#: Units of length and time that people use, over m and s.
-_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet"}
-_DEGREES = 180 / np.pi
+#: How many of a unit that people use a metre or a radian is.
+_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet",
+          180 / np.pi: "degrees"}  # fmt: skip
 #: Runs of the smallest step sizes that are compared, at so many rows after the first steps.
 _RUNS, _ROWS = 2, 8
 #: Part of the largest value from which on a component tells something; how well a factor fits.
@@ -30,6 +28,7 @@ _TELLING, _FITS = 0.02, 0.05
 _SWAPPED = 1e-3
 #: Error of u with which λ may be looked at.
 _RIGHT = 0.1
+#: Parts of the state in the order in which they are looked at, and what sentences call them.
 _WORDS = {"u": "coordinates", "v": "velocities", "lambda": "multipliers", "output": "outputs"}
 
 
@@ -42,52 +41,39 @@ class Undone:
     change: Callable[[Array], Array]  #: (rows, size) values → what the mechanism calls them
 
 
-def undone(
-    runs: Sequence["Run"], problem: Problem, truth: Truth
-) -> tuple[list["Run"], Mapping[str, list[str]]]:
-    """The runs in the mechanism's units, signs and order, and notes on what was undone.
+def undone(runs: Runs, truth: Truth) -> Runs:
+    """The runs in the mechanism's units, signs and order, which is noted.
 
     Args:
-        runs: Runs of any series.
-        problem: What was solved.
+        runs: What a table holds.
         truth: The solution, until after the last row.
-
-    Returns:
-        The runs, and label of a series → sentences.
     """
-    notes: dict[str, list[str]] = {}
-    done = list(runs)
-    for series in dict.fromkeys(run.series for run in runs):
-        for part in ("u", "v", "lambda", "output"):
-            own = [run for run in done if run.series == series]
-            ended = [run for run in own if run.ended]
-            if not ended or not own[0].state.get(part, np.zeros((1, 0))).shape[1]:
+    notes, done, problem = [*runs.notes], [*runs.runs], truth.problem
+    for series, part in itertools.product(dict.fromkeys(run.series for run in done), _WORDS):
+        own = [run for run in done if run.series == series]
+        ended = [run for run in own if run.ended][-_RUNS:]
+        if not ended or not own[0].state[part].shape[1]:
+            continue
+        rows = [_rows(run, problem.t0) for run in ended]
+        there = [_values(truth, problem, run.t[at]) for run, at in zip(ended, rows, strict=True)]
+        if part in ("lambda", "output") and not _right(ended, there):
+            continue
+        mine = np.concatenate([run.state[part][at] for run, at in zip(ended, rows, strict=True)])
+        ours = np.concatenate([values[part] for values in there])
+        for found in _changes(part, mine, ours, problem):
+            if not _fits_start(part, own, problem, found):
                 continue
-            ended = ended[-_RUNS:]
-            rows = [_rows(run, problem.t0) for run in ended]
-            there = [
-                _values(truth, problem, run.t[at]) for run, at in zip(ended, rows, strict=True)
-            ]
-            if part in ("lambda", "output") and not _right(ended, there):
-                continue
-            mine = np.concatenate([
-                run.state[part][at] for run, at in zip(ended, rows, strict=True)
-            ])  # fmt: skip
-            ours = np.concatenate([values[part] for values in there])
-            for found in _changes(part, mine, ours, problem):
-                if not _fits_start(part, own, problem, found):
-                    continue
-                notes.setdefault(series, []).append(found.text)
-                done = [
-                    replace(run, state={**run.state, part: found.change(run.state[part])})
-                    if run.series == series else run
-                    for run in done
-                ]  # fmt: skip
-                break
-    return done, notes
+            notes.append(f"{series}: {found.text}")
+            done = [
+                replace(run, state={**run.state, part: found.change(run.state[part])})
+                if run.series == series else run
+                for run in done
+            ]  # fmt: skip
+            break
+    return replace(runs, runs=done, notes=notes)
 
 
-def _fits_start(part: str, runs: Sequence["Run"], problem: Problem, found: Undone) -> bool:
+def _fits_start(part: str, runs: Sequence[Run], problem: Problem, found: Undone) -> bool:
     """Whether rows at the start are no worse with a change undone: those of another motion are."""
     if part not in ("u", "v"):
         return True
@@ -97,7 +83,7 @@ def _fits_start(part: str, runs: Sequence["Run"], problem: Problem, found: Undon
     return bool(off[1] <= off[0] + 1e-9 * np.abs(start).max(initial=0.0))
 
 
-def _rows(run: "Run", t0: float) -> IndexArray:
+def _rows(run: Run, t0: float) -> IndexArray:
     rows = np.flatnonzero(run.t > t0 + 0.1 * (run.t[-1] - t0))
     return np.asarray(rows[np.unique(np.round(np.linspace(0, len(rows) - 1, _ROWS)).astype(int))])
 
@@ -112,7 +98,7 @@ def _values(truth: Truth, problem: Problem, times: Array) -> dict[str, Array]:
     return values
 
 
-def _right(runs: Sequence["Run"], there: Sequence[Mapping[str, Array]]) -> bool:
+def _right(runs: Sequence[Run], there: Sequence[Mapping[str, Array]]) -> bool:
     off = np.nanmax(np.abs(runs[-1].state["u"][-1] - there[-1]["u"][-1]), initial=0.0)
     return bool(off < _RIGHT * np.abs(there[-1]["u"]).max())
 
@@ -123,10 +109,7 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     if not known.any():
         return
     mine = np.where(known, mine, 0.0)
-    names = {"u": problem.coordinate_names, "v": problem.coordinate_names,
-             "lambda": problem.constraint_names}.get(part, ())  # fmt: skip
-    if part == "output" and problem.outputs is not None:
-        names = tuple(problem.outputs.names)
+    names = names_of(problem)[part]
     size = np.abs(there).max(axis=0)
     if part == "output":  # forces and moments have sizes of their own
         kinds = [name.rpartition(".")[0] for name in names]
@@ -138,15 +121,17 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     factor = (mine * there).sum(axis=0) / np.maximum((there**2).sum(axis=0), 1e-300)
     left = np.abs(mine - factor * there).max(axis=0) / np.maximum(np.abs(mine).max(axis=0), 1e-300)
     fits = telling & (left < _FITS)
-    if part in ("u", "v") and telling.any() and fits[telling].all():
-        for value, unit in _UNITS.items():
-            if (np.abs(factor[telling] / value - 1) < 0.03).all():
-                text = (f"{part} is {value:g} times as large, and taken to be in {unit}"
-                        f"{'/s' if part == 'v' else ''}")  # fmt: skip
-                yield Undone(part, text, partial(np.multiply, 1 / value))
-    if part in ("u", "v"):
-        yield from _in_degrees(part, names, fits & (np.abs(factor / _DEGREES - 1) < 0.03),
-                               telling, factor)  # fmt: skip
+    for value, unit in _UNITS.items() if part in ("u", "v") else ():
+        hit = fits & (np.abs(factor / value - 1) < 0.03)
+        if not hit.any() or (np.abs(factor - 1)[telling & ~hit] > 0.1).any():
+            continue
+        said = f"taken to be in {unit}{'/s' if part == 'v' else ''}"
+        if (hit == telling).all() and unit != "degrees":
+            hit = known  # what tells nothing goes with the others
+            text = f"{part} is {value:g} times as large, and {said}"
+        else:
+            text = f"{part} of {', '.join(np.array(names)[hit])} is {said}"
+        yield Undone(part, text, partial(np.multiply, np.where(hit, 1 / value, 1.0)))
     turned = fits & (np.abs(factor + 1) < _FITS)
     others = telling & ~turned
     # Of coordinates all others must be right: else the motion is another one.
@@ -164,17 +149,6 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
         order, listed = np.argsort(place), ", ".join(names[k] for k in place)
         text = f"{_WORDS[part]} are in the order {listed}"
         yield Undone(part, text, lambda x: x[:, order])
-
-
-def _in_degrees(
-    part: str, names: Sequence[str], angles: Mask, telling: Mask, factor: Array
-) -> Iterator[Undone]:
-    """Angles in degrees, where all other coordinates are right."""
-    others = telling & ~angles
-    if angles.any() and (np.abs(factor - 1)[others] < 0.1).all():
-        of = ", ".join(name for name, it in zip(names, angles, strict=True) if it)
-        text = f"{part} of {of} is taken to be in degrees{'/s' if part == 'v' else ''}"
-        yield Undone(part, text, lambda x: x / np.where(angles, _DEGREES, 1.0))
 
 
 def _turned(part: str, names: Sequence[str]) -> str:

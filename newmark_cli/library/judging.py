@@ -1,16 +1,16 @@
 """`judge`: what another code computed, measured, judged and explained."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from newmark_cli.codes.causes import explained, without_solution
 from newmark_cli.codes.changes import FileNumbers, file_of
-from newmark_cli.codes.evidence import PARTS, Finding, OurMarch, Told
+from newmark_cli.codes.evidence import Finding, Told
 from newmark_cli.codes.given_references import reference_at
-from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Runs, names_of, read
+from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Run, Runs, names_of, read
 from newmark_cli.codes.solutions import Measured, Solutions
 from newmark_cli.codes.truth import NoMotion, Truth
 from newmark_cli.codes.undoing import undone
@@ -257,11 +257,16 @@ def judge(
     try:
         motion.at(max(float(run.t[-1]) for run in runs.runs))  # which says why there is none
         truth = _truth(runs, solved)
-        runs = _undone(runs, solved, truth)
+        runs = undone(runs, truth)
     except NoReference as error:
         if given is not None:
             raise ArgumentError(str(error)) from None
-        return Judged(solved.name, _unsolved(runs, solved, options, str(error)), runs.notes, [])
+        findings = [
+            finding
+            for own, told in _by_series(runs, options)
+            for finding in without_solution(own, solved.t0, told, str(error))
+        ]
+        return Judged(solved.name, findings, runs.notes, [])
     except NoMotion as error:  # errors are against the reference, and causes cannot be sought
         unsolved = str(error)
     measurements = measured(runs, motion, options)
@@ -289,18 +294,18 @@ def judge(
     )
 
 
-def _undone(runs: Runs, problem: Problem, truth: Truth) -> Runs:
-    """The runs in the mechanism's units, signs and order, which is noted."""
-    restored, notes = undone(runs.runs, problem, truth)
-    said = [f"{series}: {note}" for series, of in notes.items() for note in of]
-    return replace(runs, runs=restored, notes=(*runs.notes, *said))
-
-
 def _truth(runs: Runs, problem: Problem) -> Truth:
     """The solution, until a step after the last row."""
     last = max(float(run.t[-1]) for run in runs.runs)
     step = max(run.size for run in runs.runs) if runs.abscissa == STEP_SIZE else 0.0
     return Truth(problem, last + min(step, last - problem.t0))
+
+
+def _by_series(runs: Runs, options: Mapping[str, Any]) -> Iterator[tuple[list[Run], Told]]:
+    """Runs of each series, and what the table or the caller says of its code."""
+    for label in dict.fromkeys(run.series for run in runs.runs):
+        own = [run for run in runs.runs if run.series == label]
+        yield own, _told(runs, own[-1].method, options)
 
 
 def _explained(
@@ -311,13 +316,10 @@ def _explained(
     file: FileNumbers | None,
 ) -> list[Finding]:
     """Findings on every series."""
-    by_run = {id(one.run): _marched(one) for one in measurements}
     findings: list[Finding] = []
-    for label in dict.fromkeys(run.series for run in runs.runs):
-        own = [run for run in runs.runs if run.series == label]
-        told = _told(runs, own[-1].method, options)
-        marched = [by_run.get(id(run), OurMarch()) for run in own if run.ended and not run.twin]
-        findings += explained(label, own, truth.problem, told, marched, truth, file, runs.single)
+    for own, told in _by_series(runs, options):
+        of = [m for m in measurements if m.run.series == own[0].series and not m.run.twin]
+        findings += explained(own, of, told, truth, file)
     return findings
 
 
@@ -333,32 +335,10 @@ def _told(runs: Runs, of_table: Mapping[str, Any], options: Mapping[str, Any]) -
     )
 
 
-def _unsolved(runs: Runs, problem: Problem, options: Mapping[str, Any], why: str) -> list[Finding]:
-    """Findings where the motion has no solution to measure errors against."""
-    findings: list[Finding] = []
-    for label in dict.fromkeys(run.series for run in runs.runs):
-        own = [run for run in runs.runs if run.series == label]
-        told = _told(runs, own[-1].method, options)
-        findings += without_solution(label, own, problem, told, why)
-    return findings
-
-
 def _unsought(runs: Runs, why: str) -> list[Finding]:
     """What is said where errors are known, and causes are not sought."""
     text = f"{why}: errors are against the reference, and causes are not sought"
     return [Finding("no solution", run.series, text, False) for run in runs.runs[:1]]
-
-
-def _marched(measured: Measured) -> OurMarch:
-    """What rounding and a march of ours leave of a run."""
-    errors = {part: measured.errors.get(("error", part)) for part in PARTS}
-    ours = {part: measured.ours.get(("error", part)) for part in PARTS}
-    misfit = measured.ours.get(("invariant", "position"))
-    return OurMarch(
-        {part: row.statistics.rounding for part, row in errors.items() if row},
-        {part: row.statistics.max for part, row in ours.items() if row},
-        misfit.statistics.max if misfit else math.nan,
-    )
 
 
 #: Rows that a template asks for.

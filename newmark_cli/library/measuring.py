@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -18,14 +19,7 @@ from newmark_cli.newmark.scaling import Preconditioning
 from newmark_cli.newmark.statistics import Measurement
 from newmark_cli.problems.problem import Problem
 from newmark_cli.report.judging.slopes import Slope, study_slopes
-from newmark_cli.report.judging.verdicts import (
-    LEAST,
-    MISS,
-    NOT_CONVERGING,
-    PASS,
-    SHOWN,
-    UNDECIDED,
-)
+from newmark_cli.report.judging.verdicts import MISS, NOT_CONVERGING, SHOWN
 from newmark_cli.study import csv_files, replay
 from newmark_cli.study.axes import Cell
 from newmark_cli.study.cell import Outcome
@@ -34,8 +28,6 @@ from newmark_cli.support.errors import InputError
 
 #: The method that a code is held against where nobody says which it has.
 USUAL = {"integrator": "generalized-alpha rho=0.9", "formulation": "index-3"}
-#: Stands for a method that nobody says: λ of it does not alternate from the start.
-_FORGETTING = {"integrator": "bdf2"}
 #: Twins of a march of this tool's; most steps of all of these, of a problem with one unknown;
 #: and unknowns that make a step twice as long.
 _TWINS, _MOST_STEPS, _UNKNOWNS = 3, 2_000_000, 5
@@ -63,22 +55,6 @@ def method(options: Mapping[str, Any]) -> dict[str, str]:
     return values
 
 
-@dataclass(frozen=True)
-class _AtHand:
-    """A problem that is there already, as cells have one."""
-
-    problem: Problem
-
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.problem.name
-
-    def load(self) -> Problem:
-        """The problem."""
-        return self.problem
-
-
 def _cell(run: Run, problem: Problem, options: Mapping[str, Any]) -> Cell:
     """The cell that a run is: its method, step size and end."""
     how: dict[str, Any] = method({**options, **run.method})
@@ -86,7 +62,7 @@ def _cell(run: Run, problem: Problem, options: Mapping[str, Any]) -> Cell:
             if name in how}  # fmt: skip
     t_end = float(run.t[-1] - problem.t0)
     return Cell(
-        problem=cast(Any, _AtHand(problem)),
+        problem=cast(Any, SimpleNamespace(label=problem.name, load=lambda: problem)),
         form=OF_CASES["form"],
         preconditioning=Preconditioning(OF_CASES["preconditioning"]),
         h=run.size,
@@ -157,15 +133,14 @@ def slopes(
     for label in dict.fromkeys(m.run.series for m in measurements):
         of = [m for m in measurements if m.run.series == label]
         said = {**options, **of[-1].run.method}
-        held = bool(said.get("integrator"))
-        frame = _frame(of, label, motion.problem, said if held else {**said, **_FORGETTING})
+        frame = _frame(of, label, motion.problem, said)
         of_label = study_slopes(frame, Path(label), {}) if len(frame) else []
-        if not held:
-            of_label = [shown(s) if _has_order(s) else _unheld(s) for s in of_label]
+        if not said.get("integrator"):
+            of_label = [_unexpected(slope) for slope in of_label]
         # Of constraints findings say what is wrong, and whether it is: another code may iterate to
         # another tolerance.
         judged += [
-            replace(_unheld(s), verdict=SHOWN)
+            shown(s, s.reason)
             if s.measure == "invariant" and s.verdict in (MISS, NOT_CONVERGING) else s
             for s in of_label
         ]  # fmt: skip
@@ -174,21 +149,18 @@ def slopes(
     return judged
 
 
-def _has_order(slope: Slope) -> bool:
-    """Whether a series has an order, whatever the one of a method that it was held against."""
-    if slope.verdict != UNDECIDED:
-        return slope.verdict in (PASS, MISS)
-    return bool(slope.fit.straight) and int(np.count_nonzero(slope.fitted)) >= LEAST
+def _unexpected(slope: Slope) -> Slope:
+    """A series of a method that nobody says, which may have any order."""
+    if slope.measure == "error" and slope.rejudged is not None:
+        slope = slope.rejudged(math.nan, None)
+        if slope.verdict != SHOWN:
+            return slope
+    return shown(slope)
 
 
-def _unheld(slope: Slope) -> Slope:
-    """A series that is held against no order."""
-    return replace(slope, expected=math.nan, tolerance=math.nan)
-
-
-def shown(slope: Slope) -> Slope:
-    """A series that is measured and not judged."""
-    return replace(_unheld(slope), verdict=SHOWN, reason="")
+def shown(slope: Slope, reason: str = "") -> Slope:
+    """A series that is measured, and held against no order."""
+    return replace(slope, expected=math.nan, tolerance=math.nan, verdict=SHOWN, reason=reason)
 
 
 def _frame(

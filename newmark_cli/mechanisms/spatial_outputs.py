@@ -19,6 +19,11 @@ from newmark_cli.problems.problem import Place, Problem, said
 from newmark_cli.support.arrays import Array
 
 
+def angular_velocities(directors: Array, rates: Array) -> Array:
+    """(bodies, 3) ω = ½ Σ d_i × d_i′ (rad/s, global) of (bodies, 3, 3) directors and rates."""
+    return np.asarray(np.cross(directors, rates).sum(axis=-2) / 2)
+
+
 @dataclass(frozen=True, eq=False)
 class Side:
     """A joint's frame on one of its bodies.
@@ -120,7 +125,7 @@ class SpatialOutputs:
     def values(self, problem: Problem, t: float, u: Array, v: Array, multipliers: Array) -> Array:
         """(k,) outputs at one state: t (s), u and v (n,), λ (m,)."""
         bodies, rates = u.reshape(-1, 4, 3), v.reshape(-1, 4, 3)
-        outputs = list((np.cross(bodies[:, 1:], rates[:, 1:]).sum(axis=1) / 2).ravel())
+        outputs = angular_velocities(bodies[:, 1:], rates[:, 1:]).ravel().tolist()
         pushed = self._pushed(problem, t, u, multipliers)
         for i, joint in enumerate(self.joints.values()):
             kind = JOINTS[joint.kind]

@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from newmark_cli.support import apart, errors
-from newmark_cli.support.errors import one_line
+from newmark_cli.support.errors import InputError, one_line
 
 #: One file's imports at a time: another's modules may have the same names.
 _importing = threading.RLock()
@@ -42,6 +42,31 @@ def run(path: Path, source: bytes, name: str) -> ModuleType:
     sys.modules[name] = module  # dataclasses look their module up
     exec(compile(source, path.absolute(), "exec"), module.__dict__)
     return module
+
+
+def made_of(
+    path: Path, source: bytes, name: str, make: Callable[[Any], Any], file: str = "", kind: str = ""
+) -> Any:
+    """What a function makes of a name in a file of this source.
+
+    Errors call the file by its name, or as ``file`` has it, and say what ``kind`` of name it lacks.
+
+    Raises:
+        InputError: What went wrong, in a line that begins with that of the user's code.
+    """
+    file = file or path.name
+    try:
+        with imports_from(path.parent, os.path.dirname(file)):
+            given = getattr(run(path, source, path.stem), name, None)
+            if given is None:
+                raise InputError(f"{file} has no {kind}{name}")
+            return make(given)
+    except InputError:
+        raise
+    except BaseException as error:
+        if is_interrupt(error):
+            raise
+        raise InputError(described(error, file)) from None
 
 
 def line(file: str, number: int) -> str:

@@ -1,8 +1,8 @@
 """Integrators of a user's own, from a class in a file: loaded apart, as problems in Python are."""
 
-import os
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import cast
 
 from newmark_cli.newmark import own_integrator
 from newmark_cli.newmark.own_integrator import OwnIntegrator
@@ -44,13 +44,5 @@ def _loaded(name: str, path: Path, source: bytes, timeout: float | None) -> OwnI
 def _made(name: str, path: Path, source: bytes) -> OwnIntegrator:
     """The integrator, in a process apart."""
     file, _, kind = name.rpartition(":")
-    try:
-        with user_code.imports_from(path.parent, os.path.dirname(file)):
-            given = getattr(user_code.run(path, source, path.stem), kind, None)
-            if given is None:
-                raise InputError(f"{file} has no class {kind}")
-            return own_integrator.of(name, given)
-    except BaseException as error:
-        if isinstance(error, InputError) or user_code.is_interrupt(error):
-            raise
-        raise InputError(user_code.described(error, file)) from None
+    made = partial(own_integrator.of, name)
+    return cast(OwnIntegrator, user_code.made_of(path, source, kind, made, file, "class "))

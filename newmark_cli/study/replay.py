@@ -12,9 +12,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from newmark_cli.codes.misfits import misfits_at
 from newmark_cli.codes.programs import CodeError, RunRequest
-from newmark_cli.codes.reading import Run
+from newmark_cli.codes.reading import SAME_TIME, Run
+from newmark_cli.codes.solutions import misfits_at
 from newmark_cli.newmark.kept import KEPT, Kept
 from newmark_cli.newmark.march_data import COMPLETED
 from newmark_cli.newmark.statistics import Measurement, statistics
@@ -37,8 +37,6 @@ _SAMPLES, _ENDS = 32, 3
 _TWINS = 3
 #: Part of a step by which the last row may miss t_end: a sum of steps rounds.
 _SAME_STEP = 1e-3
-#: Times that differ by less, over their size, are the same.
-SAME_TIME = 1e-11
 _EPS = float(np.finfo(float).eps)
 #: Cell, times → its march and the twins of it, as runs; none where it does not arrive.
 OwnRuns = Callable[[Cell, Array], Sequence[Run]]

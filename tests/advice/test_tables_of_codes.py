@@ -51,7 +51,7 @@ def fortran(text):
     return text.replace("e+100", "+100").replace("e", "D") if "e" in text else f"{text}D+00"
 
 
-def assert_read(runs, digits=17):
+def assert_read(runs):
     """The three rows, in runs by descending h, to the last bit."""
     first, second = runs.runs
     assert (first.size, second.size) == (0.1, 0.05)
@@ -61,7 +61,6 @@ def assert_read(runs, digits=17):
         assert first.state["lambda"][place].tolist() == [float(row[4])]
     assert second.state["u"].tolist() == [[float(ROWS[2][2]), float(ROWS[2][3])]]
     assert second.state["lambda"].tolist() == [[float(ROWS[2][4])]]
-    assert runs.digits == digits
 
 
 def refusal(function, *arguments):
@@ -113,17 +112,17 @@ def test_arrays_of_numpy_matlab_and_parquet(thrown, tmp_path):
     frame = pd.DataFrame(values, columns=HEADER)
     by_number = {name: f"#{number}" for number, name in enumerate(HEADER, 1)}
     np.save(tmp_path / "matrix.npy", values)
-    assert_read(read(tmp_path / "matrix.npy", thrown, by_number), 0)
+    assert_read(read(tmp_path / "matrix.npy", thrown, by_number))
     np.save(tmp_path / "named.npy", frame.to_records(index=False))
-    assert_read(read(tmp_path / "named.npy", thrown), 0)
+    assert_read(read(tmp_path / "named.npy", thrown))
     frame.to_parquet(tmp_path / "mine.parquet")
-    assert_read(read(tmp_path / "mine.parquet", thrown), 0)
+    assert_read(read(tmp_path / "mine.parquet", thrown))
     variables = {"h": values[:, 0], "t": values[:, 1], "u": values[:, 2:4], "lam1": values[:, 4:]}
     lam = {"lambda[bars.rod]": "lam11"}
     savemat(tmp_path / "mine.mat", variables | {"lam1": values[:, 4]})
-    assert_read(read(tmp_path / "mine.mat", thrown), 0)
+    assert_read(read(tmp_path / "mine.mat", thrown))
     savemat(tmp_path / "one.mat", {"runs": variables | {"lam11": variables.pop("lam1")[:, 0]}})
-    assert_read(read(tmp_path / "one.mat", thrown, lam), 0)
+    assert_read(read(tmp_path / "one.mat", thrown, lam))
     savemat(tmp_path / "uneven.mat", {"h": values[:2, 0], "t": values[:, 1]})
     said = refusal(read, tmp_path / "uneven.mat", thrown)
     assert said.endswith("uneven.mat: not a table: ValueError: arrays of 2, 3 rows")

@@ -312,3 +312,19 @@ def test_a_block_that_a_problem_lacks():
     require(evidence(1e-9 * h, rounding=1e-3 * h, **of_block), UNDECIDED)
     require(evidence(1e-9 * h, rounding=1e-18 * h, **of_block), MISS)
     require(evidence(1e-9 * h**2, rounding=1e-18 * h**2, **of_block), PASS)
+
+
+@pytest.mark.parametrize(
+    ("values", "verdict", "fitted"),
+    [
+        ([2.0, 1e-2, 1e-4, 1e-6], SHOWN, [False, True, True, True]),
+        ([1e-2, 1e-4], UNDECIDED, [True, True]),
+        ([1e-2, 1e-2, 1e-2], NOT_CONVERGING, [True, True, True]),
+    ],
+)
+def test_a_series_held_against_any_order_must_have_one(values, verdict, fitted):
+    """The coarsest step sizes may be left out, as where an order is predicted."""
+    found = judge(evidence(values, expected=NAN, tolerance=NAN, written=True))
+    assert (found.verdict, found.fitted.tolist()) == (verdict, fitted)
+    if verdict == SHOWN:
+        assert found.fit.slope == pytest.approx(2.0)

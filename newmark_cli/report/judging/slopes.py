@@ -99,8 +99,8 @@ class Slope:
     in_paper: bool = False  #: whether `check` lists it first; see `Figure.in_paper`
     #: Whether it is a property of the mechanism, not of which redundant constraints were dropped.
     unique: bool = True
-    #: (order, tolerance) → the same series as the same rule judges it by an order of the user's;
-    #: the tolerance of the measure where it is None.
+    #: (order, tolerance) → the same series as the same rule judges it by an order of the user's,
+    #: NaN where any will do; the tolerance of the measure where it is None.
     rejudged: "Callable[[float, float | None], Slope] | None" = field(default=None, repr=False)
 
     @property
@@ -289,6 +289,7 @@ class _Series:
         tolerance = np.nan if np.isnan(expected) else self._tolerance(record, self.figures)
         if own is not None:
             expected, tolerance = own, within or self._tolerance(record, ())
+            tolerance = np.nan if np.isnan(own) else tolerance
             # The order of a user is neither a bound nor met by zeros.
             exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
         judgement = self._judgement(record, expected, tolerance, exact, own is not None)

@@ -62,7 +62,7 @@ class Evidence:
     uncertainty: Array
     steps: Array  #: (points,) steps of the run
     kind: str  #: what rules the values; see `newmark_cli.study.measures.Record`
-    expected: float = math.nan  #: predicted order; NaN where theory says nothing
+    expected: float = math.nan  #: predicted order; NaN where nobody says one
     tolerance: float = math.nan  #: largest |fitted − expected|; NaN likewise
     exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
     bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
@@ -110,6 +110,12 @@ def judge(evidence: Evidence) -> Judgement:
         elif evidence.undamped and evidence.values[-1] > _SMALL:
             unclear = joined(unclear, f"off by {evidence.values[-1]:.2g} of its size: {ALTERNATES}")
         shown = _judged(evidence, SHOWN, seen, unclear)
+        if evidence.written:  # against any order, so that there must be one
+            straight = (of for of in _windows(seen) if _fit(evidence, of).straight)
+            if (window := next(straight, None)) is not None:
+                shown = _judged(evidence, SHOWN, window, unclear)
+            else:
+                shown = _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), unclear))
         return judgement if judgement and not unknown else shown
     # Rounding may hide an order sooner than it can feign one.
     for share in (RULED, _CLEAR, alike):

@@ -1,0 +1,388 @@
+"""Causes of what other codes compute wrongly: the number, the term or the change of a step."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from judged_tables import BDF2, BENCH, CART, THROWN, cart, judged, swings, with_number
+from scipy.integrate import solve_ivp
+
+import newmark_cli as newmark
+
+
+@pytest.mark.parametrize(
+    ("path", "factor", "said"),
+    [
+        (("points", "P", "mass"), 1.05, "points.P.mass × 1.05"),
+        (("springs", "coil", "stiffness"), 0.9, "springs.coil.stiffness × 0.9"),
+        (("springs", "coil", "rest_length"), 1.01, "springs.coil.rest_length × 1.01"),
+        (("dampers", "oil", "damping"), 0.0, "dampers.oil.damping left out"),
+        (("gravity",), -1.0, "gravity with its sign turned"),
+    ],
+)
+def test_the_one_number_that_differs_is_named_with_its_value(path, factor, said):
+    (fault,) = judged(cart(with_number(path, factor)), CART, **BDF2).faults
+    assert fault.name == "another mechanism"
+    name = ".".join(path)
+    # Where spring and damper act along the rail, their length is told by the place of their end.
+    others = ["points.W.fixed.0"] if path[-1] == "rest_length" else []
+    assert list(fault.evidence["changes"]) == [name, *others]
+    assert 1 + fault.evidence["changes"][name] == pytest.approx(factor, rel=1e-3, abs=1e-3)
+    assert said in fault.text
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("gravity", [9.81 * np.sin(0.05), -9.81 * np.cos(0.05)], "gravity turned by 2.865°"),
+        ("points", CART["points"] | {"W": {"fixed": [-1, 0.25]}}, "points.W.fixed.1 +0.25 m"),
+    ],
+)
+def test_directions_and_places_are_numbers_too(key, value, said):
+    (fault,) = judged(cart({**CART, key: value}), CART, **BDF2).faults
+    assert fault.name == "another mechanism"
+    assert said in fault.text
+
+
+def test_a_component_of_gravity_is_a_number_too():
+    slope = {**CART, "gravity": [1.2, -9.7]}
+    (fault,) = judged(cart({**CART, "gravity": [1.1, -9.7]}), slope, **BDF2).faults
+    assert fault.evidence["changes"] == {"gravity.0": pytest.approx(1.1 / 1.2 - 1, rel=1e-3)}
+
+
+def test_a_place_on_the_wrong_side_is_told():
+    walls = [{**CART, "points": CART["points"] | {"W": {"fixed": [x, 0.25]}}} for x in (-1, 1)]
+    (fault,) = judged(cart(walls[1]), walls[0], **BDF2).faults
+    assert fault.evidence["changes"] == {"points.W.fixed.0": pytest.approx(2.0, rel=1e-3)}
+
+
+def test_a_length_is_told_by_how_much_it_differs():
+    """A bar between two points that move, whose start has that length, too."""
+    long = {**CART, "bars": {"rod": {"from": "C", "to": "P", "length": 0.51}}}
+    long["points"] = CART["points"] | {"P": CART["points"]["P"] | {"at": [0.306, -0.408]}}
+    (fault,) = judged(cart(long), CART, **BDF2).faults
+    assert fault.name == "length"
+    assert fault.evidence["misfit"] == pytest.approx(0.01, rel=0.02)
+
+
+def slot(offset):
+    """A block in a slot of an arm that turns, beside the arm's line."""
+    return {
+        "points": {
+            "O": {"fixed": [0, 0]},
+            "A": {"at": [0.5, 0], "velocity": [0, 1.5]},
+            "S": {"at": [0.28, offset], "mass": 0.6, "velocity": [0.5 - 3 * offset, 0.84]},
+        },
+        "bodies": {"arm": {"from": "O", "to": "A", "length": 0.5, "mass": 1, "inertia": 0.02}},
+        "sliders": {
+            "slot": {"point": "S", "on": "arm", "through": [0, offset], "direction": [1, 0]}
+        },
+        "springs": {"coil": {"from": "A", "to": "S", "stiffness": 60, "rest_length": 0.3}},
+        "gravity": [0, -9.81],
+    }
+
+
+def test_a_place_of_a_slot_is_missed_alike_while_the_gradient_changes():
+    (fault,) = judged(cart(slot(0.03)), slot(0.04), **BDF2).faults
+    assert fault.name == "length"
+    assert "Φ of sliders.slot is missed" in fault.text
+    assert abs(fault.evidence["misfit"]) == pytest.approx(0.01, rel=0.05)
+
+
+def test_two_differences_of_the_named_order_tell_numbers_apart():
+    table = cart(with_number(("springs", "coil", "stiffness"), 1.01))
+    (fault,) = judged(table[table["h"] > 0.002], CART, **BDF2).faults
+    assert fault.evidence["changes"] == {"springs.coil.stiffness": pytest.approx(0.01, rel=1e-2)}
+
+
+def test_a_number_is_named_in_tables_of_tolerances():
+    table = cart(with_number(("springs", "coil", "stiffness"), 1.1))
+    table["tolerance"] = table.pop("h").replace(
+        {0.01: 1e-5, 0.005: 1e-6, 0.0025: 1e-7, 0.00125: 1e-8}
+    )
+    (fault,) = judged(table, CART).faults
+    assert fault.evidence["changes"] == {"springs.coil.stiffness": pytest.approx(0.1, rel=1e-3)}
+    assert "the smallest tolerance is off" in fault.text
+
+
+def test_a_motion_driven_otherwise_is_no_other_start():
+    driven = {
+        "gravity": [0, -9.81],
+        "points": {"O": {"fixed": [0, 0]}, "A": {"at": [0.3, 0.4]}, "B": {"at": [0.7, 0.1],
+                   "mass": 0.8}},
+        "bodies": {"arm": {"from": "O", "to": "A", "length": 0.5, "mass": 1, "inertia": 0.03}},
+        "bars": {"rod": {"from": "A", "to": "B", "length": 0.5}},
+        "motions": {"drive": {"body": "arm", "angle": {"rate": 3.0}}},
+        "project_velocities": True,
+    }  # fmt: skip
+    faster = {**driven, "motions": {"drive": {"body": "arm", "angle": {"rate": 3.06}}}}
+    (fault,) = judged(cart(faster), driven, **BDF2).faults
+    assert fault.evidence["changes"] == {"motions.drive.angle.rate": pytest.approx(0.02, rel=1e-3)}
+
+
+def top_without_gyroscopic_moment(J, mass, centre, omega, t):
+    """Directors and their rates, (k, 9) each: J ω' = r × m g about the joint, by Runge–Kutta."""
+
+    def rate(_, y):
+        axes, turn = y[:9].reshape(3, 3), y[9:]
+        moment = np.cross(centre @ axes, [0, 0, -9.81 * mass])
+        return np.concatenate(
+            [np.cross(turn, axes).ravel(), np.linalg.solve(J, axes @ moment) @ axes]
+        )
+
+    start = np.concatenate([np.eye(3).ravel(), omega])
+    solved = solve_ivp(rate, (0, t[-1]), start, "DOP853", rtol=1e-12, atol=1e-12, t_eval=t)
+    return solved.y[:9].T, np.array(
+        [np.cross(y[9:], y[:9].reshape(3, 3)).ravel() for y in solved.y.T]
+    )
+
+
+def test_a_gyroscopic_moment_left_out_is_named():
+    """Of a top in Euler's equations about its joint."""
+    body = BENCH.MECHANISMS["gyro"]["bodies"]["rotor"]
+    mass, centre = body["mass"], np.array(body["centre"])
+    J = np.diag(body["inertia"]) + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    t = np.array([0, 0.1, 0.2, 0.3])
+    axes, rates = top_without_gyroscopic_moment(J, mass, centre, body["angular_velocity"], t)
+    rows = [[h, t[k], *axes[k], *rates[k]] for h in (0.01, 0.005, 0.0025) for k in range(4)]
+    names = [f"rotor.d{i}.{x}" for i in (1, 2, 3) for x in "xyz"]
+    table = pd.DataFrame(rows, columns=["h", "t", *(f"{p}[{x}]" for p in "uv" for x in names)])
+    for name in (f"{part}[rotor.origin.{x}]" for part in "uv" for x in "xyz"):
+        table[name] = 0.0
+    (fault,) = judged(table, BENCH.MECHANISMS["gyro"]).faults
+    assert "the gyroscopic moment ω × J ω about the joint left out: this alone" in fault.text
+
+
+def test_single_precision_is_told_by_nine_digits():
+    """C prints a number of single precision by %.9g, which no double is."""
+    table = swings()
+    state = [name for name in table if name[0] in "uvl"]
+    table[state] = table[state].map(lambda x: float(f"{np.float32(x):.9g}"))
+    (fault,) = judged(table, THROWN).faults
+    assert fault.name == "single precision"
+
+
+def test_coordinates_that_are_stored_in_single_precision_are_no_other_length():
+    table = swings()
+    places = [name for name in table if name[0] == "u"]
+    table[places] = table[places].astype(np.float32)
+    (fault,) = judged(table, THROWN).faults
+    assert fault.name == "single precision"
+    assert fault.text.startswith("every number of u is one of single precision")
+
+
+def test_velocities_of_half_a_step_before_are_told_of_a_code_of_order_2():
+    """Also where 16 % of their error is something else: no change of a step does it to v only."""
+    table = cart(rows=range(321))
+    rates = [name for name in table if name[0] == "v"]
+    before = table.groupby("h")[rates].shift(1)
+    table[rates] = 0.57 * table[rates] + 0.43 * before
+    (fault,) = judged(table.dropna(), CART).faults
+    assert (fault.name, fault.evidence["parts"], fault.evidence["shift"]) == ("late", ["v"], -0.5)
+    assert fault.evidence["left"] == pytest.approx(0.07 / 0.43, rel=0.05)
+
+
+def test_multipliers_without_centrifugal_terms_are_told_where_u_and_v_are_right():
+    """λ of M a = f + G λ, Gᵀa = 0 at the states of a march."""
+    problem, table = newmark.problem(CART), cart()
+    u, v = (table[[f"{part}[{name}]" for name in problem.coordinate_names]] for part in "uv")
+    for row in table.index:
+        none = np.zeros(problem.m)
+        x = problem.evaluate(table["t"][row], u.loc[row].to_numpy(), v.loc[row].to_numpy(), none)
+        inverse = np.linalg.inv(problem.M)
+        implied = np.linalg.solve(x.G.T @ inverse @ x.G, -x.G.T @ inverse @ x.force)
+        for name, value in zip(problem.constraint_names, implied, strict=True):
+            table.loc[row, f"lambda[{name}]"] = value
+    (fault,) = judged(table, CART, **BDF2).faults
+    assert fault.evidence["changes"] == {
+        "κ of Gᵀa + κ = 0 (centrifugal terms) in λ": pytest.approx(-1, rel=1e-3)
+    }
+
+
+def test_rows_of_the_next_step_are_no_other_start():
+    table = cart(rows=range(321))
+    state = [name for name in table if name[0] in "uvl"]
+    table[state] = table.groupby("h")[state].shift(-1)
+    (fault,) = judged(table.dropna(), CART, **BDF2).faults
+    assert (fault.name, fault.evidence["shift"]) == ("late", 1.0)
+
+
+def test_exchanged_columns_and_degrees_are_undone():
+    document = {
+        **CART,
+        "points": {"O": {"fixed": [0, 0]}, "A": {"at": [0.6, 0.0], "velocity": [0, 1.2]}},
+        "bars": {}, "sliders": {}, "springs": {}, "dampers": {},
+        "bodies": {"arm": {"from": "O", "to": "A", "length": 0.6, "mass": 1.5, "inertia": 0.1}},
+        "torsion_springs": {
+            "leaf": {"to": "arm", "stiffness": 4, "rest_angle": 0.2}
+        },
+    }  # fmt: skip
+    table = cart(document)
+    for name in ("u[arm.angle]", "v[arm.angle]"):
+        table[name] = np.degrees(table[name])
+    found = judged(table, document, **BDF2)
+    assert not found.faults
+    assert any("u of arm.angle is taken to be in degrees" in note for note in found.notes)
+    table = cart().assign(**{"u[P.x]": 1e3 * cart()["u[P.x]"]})
+    found = judged(table, CART, **BDF2)
+    assert not found.faults
+    assert any("u of P.x is taken to be in mm" in note for note in found.notes)
+    swapped = cart().rename(columns={"v[P.x]": "v[P.y]", "v[P.y]": "v[P.x]"})
+    found = judged(swapped, CART, **BDF2)
+    assert not found.faults
+    assert any("velocities are in the order C.x, C.y, P.y, P.x" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "name"), [("crane", "RK4, nothing said"), ("rocker", "BDF1, nothing said")]
+)
+def test_orders_of_a_code_without_a_method_are_shown(mechanism, name):
+    """No λ alternates from the start of a method that nobody names, and no order is too high."""
+    (case,) = [one for one in BENCH.sound() if (one.mechanism, one.name) == (mechanism, name)]
+    found = BENCH.verdict(case)[1]
+    assert {slope.verdict for slope in found.slopes if slope.quantity in "uv"} == {"shown"}
+    assert not found.fails()
+
+
+def ends_of(document, t_end):
+    """A table of backward Euler: the first and last row of three step sizes."""
+    found = []
+    for h in (0.01, 0.005, 0.0025):
+        frame = newmark.march(document, h=h, t_end=t_end, integrator="bdf1").to_frame()
+        kept = [name for name in frame if name[0] in "tuvl" and name[:2] != "to"]
+        found.append(frame[kept].iloc[[0, -1]].assign(h=h))
+    return pd.concat(found, ignore_index=True)
+
+
+def test_coarse_steps_of_a_sound_code_are_no_other_mechanism():
+    """Errors of 29 % to 85 % of a motion that is nearly chaotic, which a drag would explain."""
+    rocker = BENCH.MECHANISMS["rocker"]
+    assert judged(ends_of(rocker, 0.8), rocker).faults == ()
+
+
+def test_euler_is_named_where_weights_that_are_off_explain_as_much():
+    triple = BENCH.MECHANISMS["triple"]
+    (fault,) = judged(ends_of(triple, 0.7), triple, **BDF2).faults
+    assert fault.name == "backward Euler"
+    assert fault.evidence["tried"]["averaging"]["leaves"] < 0.12
+
+
+def test_another_start_is_named_from_its_row_only():
+    document = json.loads(json.dumps(CART))
+    for point in ("C", "P"):
+        document["points"][point]["velocity"] = [
+            1.02 * x for x in document["points"][point]["velocity"]
+        ]
+    (fault,) = judged(cart(document), CART, **BDF2).faults
+    assert (fault.name, fault.evidence["coordinate"]) == ("start", "v[P.x]")
+    assert fault.evidence["off"] == pytest.approx(0.02, rel=0.02)
+    assert "the motion from there is what the code computes" in fault.text
+    (fault,) = judged(cart(document, rows=(-30, -20, -1)), CART, **BDF2).faults
+    assert fault.name == "another mechanism"
+    assert fault.evidence["changes"] == {"the start's velocities": pytest.approx(0.02, rel=1e-3)}
+
+
+def scaled(part, factor):
+    return lambda table: table.assign(
+        **{name: factor(table["h"]) * table[name] for name in table if name.startswith(part)}
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "factor", "power"),
+    [
+        (lambda h: 3.0, 3.0, 0),
+        (lambda h: h, 1.0, 1),
+        (lambda h: 0.25 * h**2, 0.25, 2),
+        (lambda h: h**-2, 1.0, -2),
+    ],
+)
+def test_a_factor_of_the_multipliers_is_told_with_its_power_of_h(change, factor, power):
+    (fault,) = judged(scaled("lambda", change)(cart()), CART, **BDF2).faults
+    assert fault.name == "factor of λ"
+    assert fault.evidence["powers"] == [power, power]
+    assert [*fault.evidence["factors"].values()] == pytest.approx([factor] * 2, rel=0.02)
+
+
+def test_multipliers_of_another_time_are_told():
+    table = cart(rows=range(-40, 0))
+    lambdas = [name for name in table if name.startswith("lambda")]
+    table[lambdas] = table.groupby("h")[lambdas].shift(1)
+    (fault,) = judged(table.dropna(), CART, **BDF2).faults
+    assert (fault.name, fault.evidence["shift"]) == ("late", -1.0)
+
+
+def test_order_1_is_a_fault_only_of_a_method_that_is_named():
+    table = cart(integrator="bdf1")
+    (note,) = judged(table, CART).findings
+    assert not note.fault
+    assert note.name == "backward Euler"
+    assert note.evidence["orders"]["u"] == pytest.approx(1, abs=0.1)
+    assert judged(table, CART, integrator="bdf1").findings == []
+    (fault,) = judged(table, CART, **BDF2).faults
+    assert fault.name == "backward Euler"
+
+
+def test_few_digits_limit_what_is_said_and_are_no_fault(cli):
+    cart().to_csv(cli.folder / "few.csv", index=False, float_format="%.9g")
+    found = judged(cli.folder / "few.csv", CART, **BDF2)
+    assert [(one.name, one.fault) for one in found.findings] == [("printing", False)]
+    assert not found.fails()
+    assert "Nothing wrong was found." in str(found)
+
+
+def test_what_is_expected_takes_the_place_of_the_order_of_the_method():
+    table = cart(integrator="bdf1")
+    expect = [{"quantity": ["u", "v"], "slope": 1, "within": 0.15}]
+    held = judged(table, CART, expect=expect)
+    assert {one.verdict for one in held.expected} == {"pass"}
+    assert not held.fails()
+
+
+@pytest.mark.parametrize("parts", ["tu", "tuv"])
+def test_fewer_columns_still_name_a_number_or_those_that_cannot_be_told_apart(parts):
+    table = cart(with_number(("springs", "coil", "stiffness"), 1.1), parts, (*range(-40, 0, 5), -1))
+    (fault,) = judged(table, CART, **BDF2).faults
+    assert "springs.coil.stiffness" in fault.evidence["changes"]
+    change = fault.evidence["changes"]["springs.coil.stiffness"]
+    assert change == pytest.approx(0.1, rel=2e-2)
+
+
+def test_a_motion_past_a_singular_position_is_judged_by_differences():
+    """A parallel four-bar that passes its flat position: x + h² c, from its last rows."""
+    flat = {
+        "points": {"O": {"fixed": [0, 0]}, "Q": {"fixed": [1, 0]},
+                   "A": {"at": [0, 1], "mass": 1, "velocity": [1, 0]},
+                   "B": {"at": [1, 1], "mass": 1, "velocity": [1, 0]}},
+        "bars": {"a": {"from": "O", "to": "A", "length": 1},
+                 "b": {"from": "A", "to": "B", "length": 1},
+                 "c": {"from": "Q", "to": "B", "length": 1}},
+        "gravity": [0, -9.81],
+    }  # fmt: skip
+    h = np.array([4e-3, 2e-3, 1e-3, 5e-4])
+    table = pd.DataFrame({"h": h, "t": 3.0, "u[A.x]": 0.3 + 5 * h**2, "u[A.y]": 0.9 - h**2})
+    found = judged(table, flat)
+    (note,) = found.findings
+    assert (note.name, note.fault) == ("no solution", False)
+    assert "of u with order 2.00" in note.text
+    assert "singular position" in note.text
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "crane: RK4, nothing said",
+        "rocker: bodies.arm.centre.0 × 1.02",
+        "crane: a(0) = 0",
+        "triple: γ + 0.08, nothing said",
+        "crane: no centrifugal terms",
+    ],
+)
+def test_tables_of_the_bench_are_judged_rightly(name):
+    (case,) = [one for one in (*BENCH.sound(), *BENCH.faulty())
+               if f"{one.mechanism}: {one.name}" == name]  # fmt: skip
+    said, found = BENCH.verdict(case)
+    assert said == ("right" if case.right else "sound")
+    if case.change:
+        assert BENCH.number(case, found) == "number"
