@@ -94,13 +94,18 @@ class Judged:
             return "No error was measured."
         if self.undecided:
             return "No order could be judged."
-        left = [slope for slope in self.slopes if slope.verdict in (*FAILING, UNDECIDED)]
-        if left:
-            names = ", ".join(dict.fromkeys(_named(slope, self.series) for slope in left))
-            return f"No cause of a fault was found; see above what is said of {names}."
+        if failing := self._names(FAILING):
+            return f"No cause of a fault was found; see above what is said of {failing}."
+        if undecided := self._names((UNDECIDED,)):
+            return f"Nothing wrong was found; no order could be judged of {undecided}."
         if any(note.startswith("not read") for note in self.notes):
             return "Nothing wrong was found in the columns that were read."
         return "Nothing wrong was found."
+
+    def _names(self, verdicts: Sequence[str]) -> str:
+        """Names of the series with one of these verdicts, separated by commas."""
+        there = [slope for slope in self.slopes if slope.verdict in verdicts]
+        return ", ".join(dict.fromkeys(_named(slope, self.series) for slope in there))
 
     def fails(self, strict: bool = False) -> bool:
         """Whether there is a fault, an order that is missed or an expectation that fails."""

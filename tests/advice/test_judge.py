@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from types import SimpleNamespace
 
 import faulty_code
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from judged_tables import FEW, THROWN, judged, swings
 
 import newmark_cli as newmark
+from newmark_cli.library.judging import Judged
 
 #: Problem → step sizes, end, and a tolerance on λ that the last step size cannot meet.
 RUNS = {
@@ -261,3 +263,26 @@ def test_rounding_of_a_projected_code_is_no_miss():
     judged = newmark.judge(table, name, **how)
     assert {slope.verdict for slope in judged.slopes} == {"pass"}
     assert "λ of u, v: rounding only: " in " ".join(str(judged).split())
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "said"),
+    [
+        ({"u": "pass", "lambda": "pass"}, "Nothing wrong was found."),
+        (
+            {"u": "pass", "lambda": "undecided"},
+            "Nothing wrong was found; no order could be judged of λ.",
+        ),
+        (
+            {"u": "miss", "lambda": "undecided"},
+            "No cause of a fault was found; see above what is said of u.",
+        ),
+    ],
+)
+def test_what_is_said_without_a_fault(verdicts, said):
+    """An order that cannot be judged is no fault."""
+    slopes = [
+        SimpleNamespace(study="mine", measure="error", quantity=quantity, verdict=verdict)
+        for quantity, verdict in verdicts.items()
+    ]
+    assert Judged("pendulum", (), (), slopes).conclusion == said
