@@ -518,7 +518,8 @@ def _velocities(
         return _nearest(builder, problem, v, gradient_of(problem, problem.u0), rate)
     sizes, wanted = column_norms(every), np.zeros(len(rows))
     wanted[kept] = rate
-    speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()))
+    paces = [law.pace for motion in mechanism.motions.values() for law in motion.driven.values()]
+    speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()), *paces)
     misfit = np.abs(every.T @ v + wanted)
     missed: dict[KeyPath, tuple[float, str]] = {}
     tolerance = np.full(len(rows), VELOCITY_TOLERANCE)

@@ -1,5 +1,7 @@
 """Laws of time in spatial mechanisms: forces, torques, driven joints and points."""
 
+import math
+
 import numpy as np
 import pytest
 from mechanisms import built
@@ -7,6 +9,7 @@ from scipy.interpolate import CubicSpline
 from spatial import outputs
 
 from newmark_cli.problems.index_1 import Index1
+from newmark_cli.support.documents import DocumentError
 
 #: A law of every kind, and what it is.
 LAW = (
@@ -81,3 +84,34 @@ def test_accelerations_and_reactions_of_laws():
         np.testing.assert_allclose(values["axle.force"], [0, 0, -law(t)], atol=1e-11)
         expected = -np.cross([0.3, 0.2, 0], [0, 0, law(t)])
         np.testing.assert_allclose(values["axle.moment"], expected, atol=1e-11)
+
+
+CRANK = """\
+points:
+  O: {{fixed: [0, 0]}}
+  A: {{at: [0.5, 0], mass: 1}}
+bodies:
+  arm: {{from: O, to: A, length: 0.5, mass: 1, centre: [0.25, 0], inertia: 0.02}}
+motions:
+  drive: {{body: arm, angle: {law}}}
+"""
+HALF_TURN = math.pi / 2
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        f"{{amplitude: -0.5, frequency: 2, phase: {HALF_TURN!r}}}",
+        f"{{value: 0.5, sines: [{{amplitude: -0.5, frequency: 2, phase: {HALF_TURN!r}}}]}}",
+        "{powers: [0, 0.4], amplitude: 0.2, frequency: -2}",
+    ],
+)
+def test_a_start_at_rest_may_round(law):
+    """The cosine of a phase of π/2 is 6e-17: what is left of terms that cancel is no motion."""
+    assert not built(CRANK.format(law=law)).v0.any()
+
+
+def test_a_start_at_rest_of_a_law_that_moves_is_refused():
+    law = f"{{amplitude: -0.5, frequency: 2, phase: {HALF_TURN + 1e-7!r}}}"
+    with pytest.raises(DocumentError, match="initial velocities violate this constraint by 5e-08"):
+        built(CRANK.format(law=law))
