@@ -96,7 +96,7 @@ def test_plot_and_check_read_the_csv_alone(cli, computed):
         f"newmark-study: not drawn: figures {', '.join(rest)}; "
         f"run 'newmark-study run {' '.join(studies)}' first\n"
     )
-    assert "figure 14 needs none, float32, " in cli.refused("plot", "14")
+    assert "figure 14 needs none, left, right, optimal" in cli.refused("plot", "14")
     assert "trajectory/history.csv: no trajectories" in cli.refused("plot", "15")
     other.unlink()
     first = snapshot(cli.folder / "results/figures")
