@@ -68,6 +68,13 @@ def begin(law: Law, value: float) -> float:
     return start if law.table is None else start + float(_spline(law.table)(0.0))
 
 
+def pace(law: Law) -> float:
+    """Size of the terms of its rate at t = 0, tables aside: what their rounding goes with."""
+    swings = [(law.amplitude, law.frequency)]
+    swings += [(sine.amplitude, sine.frequency) for sine in law.sines]
+    return sum(map(abs, (law.rate, *law.powers[1:2], *(size * often for size, often in swings))))
+
+
 def until(law: Law) -> float:
     """Time (s) up to which the law says anything: the end of a table that does not repeat."""
     if law.table is None or law.table.ends == "periodic":

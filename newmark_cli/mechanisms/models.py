@@ -271,14 +271,6 @@ class Law(StrictModel):
     )
 
     @property
-    def pace(self) -> float:
-        """Size of the terms of its rate at t = 0, tables aside: what their rounding goes with."""
-        swings = [(self.amplitude, self.frequency)]
-        swings += [(sine.amplitude, sine.frequency) for sine in self.sines]
-        rates = [self.rate, *self.powers[1:2], *(size * often for size, often in swings)]
-        return sum(map(abs, rates))
-
-    @property
     def moves(self) -> bool:
         """Whether it depends on time."""
         return bool(

@@ -1,5 +1,6 @@
 """Consistent starts: positions on the constraints, no redundant row, velocities that fit."""
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -10,6 +11,7 @@ import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
 
+from newmark_cli.mechanisms import laws
 from newmark_cli.mechanisms.builder import Builder, Row
 from newmark_cli.mechanisms.positions import (
     DENSE_UP_TO,
@@ -518,7 +520,8 @@ def _velocities(
         return _nearest(builder, problem, v, gradient_of(problem, problem.u0), rate)
     sizes, wanted = column_norms(every), np.zeros(len(rows))
     wanted[kept] = rate
-    paces = [law.pace for motion in mechanism.motions.values() for law in motion.driven.values()]
+    driven = (motion.driven.values() for motion in mechanism.motions.values())
+    paces = map(laws.pace, itertools.chain.from_iterable(driven))
     speed = max(float(np.abs(v).max()), float(np.abs(wanted / sizes).max()), *paces)
     misfit = np.abs(every.T @ v + wanted)
     missed: dict[KeyPath, tuple[float, str]] = {}
