@@ -141,5 +141,7 @@ def coordinates(name: str, entries: Any, problem: Problem, usual: Array) -> Arra
             values[problem.coordinate_names.index(key)] = number(f"{name}[{key!r}]", value)
         else:
             known: Sequence[str] = (*problem.points, *problem.coordinate_names)
-            raise ArgumentError(f"{name}: unknown point {shown(key)}{nearest(key, known)}")
+            raise ArgumentError(
+                f"{name}: unknown point or coordinate {shown(key)}{nearest(key, known)}"
+            )
     return values

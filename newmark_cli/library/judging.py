@@ -100,6 +100,9 @@ class Judged:
             return f"Nothing wrong was found; no order could be judged of {undecided}."
         if any(note.startswith("not read") for note in self.notes):
             return "Nothing wrong was found in the columns that were read."
+        errors = [slope for slope in self.slopes if slope.measure == "error"]
+        if errors and not self.expected and all(math.isnan(slope.expected) for slope in errors):
+            return "Nothing wrong was found. No order was expected, as no integrator was named."
         return "Nothing wrong was found."
 
     def _names(self, verdicts: Sequence[str]) -> str:

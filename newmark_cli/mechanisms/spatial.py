@@ -106,7 +106,7 @@ class SpatialBuilder(builder.Builder):
             has = ["angle"] * kind.turns + ["distance"] * kind.slides
             wanted = dict.fromkeys(has, value) if isinstance(value, float) else value.rates
             if not has or not set(wanted) <= set(has):
-                what = " and ".join(has) or "no single rate"
+                what = " and ".join(has) or "no single rate; give its bodies 'angular_velocity'"
                 raise self.document.error(path, f"a {joint.kind} joint has {what}")
             if isinstance(value, float) and len(has) > 1:
                 raise self.document.error(

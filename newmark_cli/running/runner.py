@@ -409,6 +409,7 @@ def _of_problems(cells: Sequence[Cell], timeout: float | None) -> dict[str, dict
     known: dict[str, dict[str, Any]] = {
         "motions": {
             label: {"singular": list(of_motion.singular), "still": of_motion.still}
+            | ({"driven": True} if of_motion.driven else {})
             for label, of_motion in facts.items()
             if of_motion != motion.Facts()
         },

@@ -133,6 +133,7 @@ class Facts:
     #: times (s since the start) near which the constraints lose rank
     singular: tuple[float, ...] = ()
     still: bool = False  #: whether nothing moves
+    driven: bool = False  #: whether the constraints alone determine the motion
 
 
 #: Steps of the march that looks for singular positions, and samples of it.
@@ -143,13 +144,14 @@ _STILL = 1e-9
 
 @np.errstate(all="ignore")
 def facts(problem: Problem, t_end: float, h: float) -> Facts:
-    """Singular positions that a motion passes, and whether it moves at all.
+    """Singular positions that a motion passes, whether it moves, and what determines it.
 
     Looks along a damped march; of motions that it does not get through, of large
-    problems and of plain Python, which would take too long, it says nothing.
+    problems and of plain Python, which would take too long, it says only the last.
     """
+    driven = problem.n == problem.m
     if not problem.compiled or problem.n + problem.m > singular.LARGEST:
-        return Facts()
+        return Facts(driven=driven)
     steps = max(min(round(t_end / h), _LOOK_STEPS), 1)
     try:
         march = March(problem, _scheme(DAMPED, t_end / steps))
@@ -162,9 +164,10 @@ def facts(problem: Problem, t_end: float, h: float) -> Facts:
         fastest = float(np.abs(seen.v).max(initial=0.0))
         crossings = singular.crossings(times, gradients) if len(times) > 2 else []
     except Exception:  # of the user's code too; the cells have told what goes wrong
-        return Facts()
+        return Facts(driven=driven)
     size = float(np.abs(problem.u0).max()) or 1.0
     return Facts(
         tuple(float(f"{t:.4g}") for t in crossings),
         still=len(times) > 0 and fastest * t_end < _STILL * size,
+        driven=driven,
     )

@@ -246,8 +246,8 @@ class StrictModel(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys(cls, data: Any) -> Any:
+        allowed = cls.keys()
         if isinstance(data, dict):
-            allowed = cls.keys()
             unknown = [key for key in data if key not in allowed]
             if unknown:
                 # What was meant by a misspelled key is not missing.
@@ -257,7 +257,10 @@ class StrictModel(BaseModel):
                 data |= dict.fromkeys(unknown, _Unknown())
                 data |= {key: _Unknown(cls.unknown_key(key)) for key in unknown[:MOST_REPORTED]}
         elif not isinstance(data, cls):
-            raise PydanticCustomError("mapping", "must be a mapping of keys to values")
+            fields = cls.model_fields.items()
+            required = (field.alias or name for name, field in fields if field.is_required())
+            names = ", ".join(list(dict.fromkeys((*required, *allowed)))[:3])
+            raise PydanticCustomError("mapping", f"must be a mapping of keys such as {names}")
         return data
 
     @classmethod

@@ -319,7 +319,9 @@ def test_order_1_is_a_fault_only_of_a_method_that_is_named():
     assert not note.fault
     assert note.name == "backward Euler"
     assert note.evidence["orders"]["u"] == pytest.approx(1, abs=0.1)
-    assert judged(table, CART, integrator="bdf1").findings == []
+    assert "No order was expected, as no integrator was named." in judged(table, CART).conclusion
+    named = judged(table, CART, integrator="bdf1")
+    assert (named.findings, named.conclusion) == ([], "Nothing wrong was found.")
     (fault,) = judged(table, CART, **BDF2).faults
     assert fault.name == "backward Euler"
 

@@ -249,7 +249,7 @@ def test_one_step_size(cli):
     cli("run", "s")
     told = " ".join(cli("check", "s", code=1).stdout.split())
     assert told.count("step size") == 1
-    assert "undecided: s, 7 series alike: 1 usable step size, an order takes 3" in told
+    assert "undecided: s, 7 series alike: 1 usable step size, an order needs 3" in told
 
 
 def test_figures_have_the_title_of_a_mechanism(cli):

@@ -130,7 +130,7 @@ gravity | motions: {m: {joint: A, angle: {value: 1}}}\ngravity
 box: [0.1, 1, 0.1] | box: [0.1, 1, 0.1], velocity: [0, 0.3, 0]
     10: joints.B: initial velocities violate this constraint by 0.3 m/s (row y); correct them,
 gravity | rates: {B: 1}\ngravity
-    13: rates.B: a universal joint has no single rate
+    13: rates.B: a universal joint has no single rate; give its bodies 'angular_velocity'
 springs: |   C: {type: spherical, from: ground, to: arm, at: [0, 1, 0]}\nsprings:
     11: joints.C: redundant: these constraints depend on each other: A (x, y, z, p, q), C (x, y,
 gravity | redundant: {A: [r]}\ngravity

@@ -278,7 +278,7 @@ def test_axes_are_spelled_as_in_cases_or_as_in_the_csv(expecting):
     ("{measure: error, slope: 2, integrator: bdf3}", "integrator: unknown"),
     ("{measure: error, slope: 2, integrator: {method: hht}}", "integrator.method: hht needs alpha"),
     ("{measure: error, slope: 2, linear_solver: gmre}", "did you mean 'gmres'?"),
-    ("3", "must be a mapping of keys to values, given 3"),
+    ("3", "must be a mapping of keys such as measure, quantity, problem, given 3"),
 ])  # fmt: skip
 def test_mistakes(tmp_path, entry, words):
     text = f"{STUDY}expect:\n  - {{measure: error, quantity: u, slope: 2}}\n  - {entry}\n"

@@ -138,6 +138,19 @@ def test_an_order_that_ends_is_told(tmp_path):
     assert check.remarks(found(tmp_path, table)) == []
 
 
+@pytest.mark.parametrize(("facts", "verdict", "reason"), [
+    ({"driven": True}, SHOWN, "only rounding: the constraints alone determine it"),
+    ({}, UNDECIDED, "larger h would decide"),
+])  # fmt: skip
+def test_positions_that_constraints_determine_have_no_order(tmp_path, facts, verdict, reason):
+    """No step size would decide: each error of u is rounding, whatever the integrator."""
+    (tmp_path / "own.json").write_text(json.dumps({"motions": {"andrews": facts}}))
+    rounding = {"measure": "error", "quantity": "u", "rounding": 1e-16}
+    (slope,) = found(tmp_path, series((1e-16, 2e-16, 1e-16), **rounding))
+    assert slope.verdict == verdict
+    assert reason in slope.reason
+
+
 def test_singular_positions_and_rest_are_told(tmp_path):
     """What the record says of the motion is part of the verdict; theory is for regular ones."""
     path = tmp_path / "own.json"

@@ -123,10 +123,10 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
      "falls faster than order 2, which shows at smaller h"),
     ("rounding from the start decides nothing",
      evidence([1e-15, 3e-15, 2e-15]), UNDECIDED,
-     "0 usable step sizes, an order takes 3: larger h would decide; "
+     "0 usable step sizes, an order needs 3: larger h would decide; "
      "rounding rules at every h"),
     ("two points fit any line", evidence([1e-4, 1e-6]), UNDECIDED,
-     "2 usable step sizes, an order takes 3: smaller h would decide"),
+     "2 usable step sizes, an order needs 3: smaller h would decide"),
     ("so do two clean ones before rounding",
      evidence([1.5e-6, 1.5e-8, 8e-10], h=[1e-3, 1e-4, 1e-5], rounding=9e-10), UNDECIDED,
      "2 usable step sizes, .*"),

@@ -376,6 +376,10 @@ class _Series:
             return verdict, reason
         if self._motion.get("still") is True:
             return UNDECIDED, "nothing moves: there is only rounding"
+        # An integrator has no say in positions that Φ(u, t) = 0 determines.
+        bare = verdict == UNDECIDED and not judgement.fitted.any()
+        if bare and not written and self._motion.get("driven") is True:
+            return SHOWN, "only rounding: the constraints alone determine it"
         return verdict, reason if verdict == PASS else joined(reason, self.lost)
 
     @property

@@ -175,7 +175,7 @@ def gathered(headings: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list
 def format_orders(slope: "Slope") -> str:
     """Local orders from the largest step size to the smallest, for people."""
     return " ".join(
-        "–" if math.isnan(order) else f"{order:.2f}".replace("-", "−")
+        "–" if math.isnan(order) else f"{round(order, 2) + 0:.2f}".replace("-", "−")
         for order in slope.local_orders
     )
 

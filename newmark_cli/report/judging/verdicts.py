@@ -305,7 +305,7 @@ def _wanted(evidence: Evidence, points: Mask) -> str:
     if not len(h) and evidence.kind == "determined":
         return "nothing but rounding: the problem may lack it"
     few = len(h) < LEAST
-    sizes = f"{len(h)} usable step size{'s' * (len(h) != 1)}, an order takes {LEAST}"
+    sizes = f"{len(h)} usable step size{'s' * (len(h) != 1)}, an order needs {LEAST}"
     found = sizes if few else f"slope {_sloped(fit)}"
     if why := evidence.irregular or _of_start(evidence, points):
         return joined(found, why)
