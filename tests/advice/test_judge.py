@@ -282,7 +282,9 @@ def test_rounding_of_a_projected_code_is_no_miss():
 def test_what_is_said_without_a_fault(verdicts, said):
     """An order that cannot be judged is no fault."""
     slopes = [
-        SimpleNamespace(study="mine", measure="error", quantity=quantity, verdict=verdict)
+        SimpleNamespace(
+            study="mine", measure="error", quantity=quantity, verdict=verdict, expected=2.0
+        )
         for quantity, verdict in verdicts.items()
     ]
     assert Judged("pendulum", (), (), slopes).conclusion == said
