@@ -39,7 +39,6 @@ class Task:
         return replace(self, cell=replace(self.cell, problem=problem))
 
 
-_Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 #: Gives each finished task by its name, in the order of finishing.
 Execution = Iterator[tuple[int, Done]]
@@ -79,19 +78,6 @@ class Places:
             return here()
         finally:
             self._here.release()
-
-    def each(
-        self, function: Callable[[_Item], _Result], items: Sequence[_Item], jobs: int
-    ) -> list[_Result]:
-        """Results of a function that uses these places, so many side by side."""
-        threads = ThreadPoolExecutor(max_workers=jobs)
-        try:
-            return list(threads.map(function, items))
-        except BaseException:
-            self.stop()
-            raise
-        finally:
-            threads.shutdown(cancel_futures=True)
 
 
 def owner(problem: ProblemSpec) -> str | None:
@@ -185,6 +171,8 @@ def perform_apart(
 @contextmanager
 def local(
     tasks: Mapping[int, Task],
+    wanted: Sequence[Callable[[], None]],
+    referred: Callable[[int], Task],
     jobs: int,
     timeout: float | None,
     on_steps: Callable[[int], None],
@@ -197,6 +185,8 @@ def local(
 
     Args:
         tasks: In the order in which they start.
+        wanted: What starts before them: computes references that some of them need.
+        referred: A task with its reference, by its name; waits until that is there.
         jobs: Most tasks of user code, and most others, at a time.
         timeout: Most wall time of a cell (s); a process is ended, whatever it does.
         on_steps: Called from any thread with the number of steps done.
@@ -213,7 +203,11 @@ def local(
         on_steps(task.cell.weight)
         return done
 
-    def somewhere(task: Task) -> Done:
+    def apart_from_others(name: int) -> Done:
+        return beside(referred(name))
+
+    def somewhere(name: int) -> Done:
+        task = referred(name)
         if not isinstance(task.cell.code, str):  # it has a process of its own
             return perform(task, timeout, checked)
         return places.call(lambda: perform(task, timeout, checked), lambda: beside(task))
@@ -222,18 +216,25 @@ def local(
     own = _together(code)
     threads = ThreadPoolExecutor(max_workers=jobs)
     waiting = ThreadPoolExecutor(max_workers=max(min(jobs, len(own)), 1))
-    futures: dict[Future[Done], int] = {}
     try:
-        futures |= {waiting.submit(beside, task): name for name, task in own.items()}
-        rest = {name: task for name, task in tasks.items() if name not in own}
-        futures |= {threads.submit(somewhere, task): name for name, task in rest.items()}
-        yield ((futures[future], future.result()) for future in as_completed(futures))
+        ahead = [threads.submit(piece) for piece in wanted]
+        futures = {waiting.submit(apart_from_others, name): name for name in own}
+        futures |= {threads.submit(somewhere, name): name for name in tasks if name not in own}
+        yield _finished(futures, ahead)
     finally:
         places.stop()
         for pool in (waiting, threads):
             pool.shutdown(wait=False, cancel_futures=True)
         waiting.shutdown()
         threads.shutdown()
+
+
+def _finished(futures: Mapping[Future[Done], int], ahead: Sequence[Future[None]]) -> Execution:
+    every: list[Future[Any]] = [*ahead, *futures]
+    for future in as_completed(every):
+        result = future.result()
+        if future in futures:
+            yield futures[future], result
 
 
 def _together(tasks: Mapping[int, Task]) -> dict[int, Task]:

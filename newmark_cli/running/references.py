@@ -9,6 +9,7 @@ match, the reference is computed again.
 import contextlib
 import hashlib
 import re
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,9 +46,10 @@ class References:
         self._results, self._folder = folder, folder / "references"
         self._solve, self._anew = solve, anew
         self._solved: dict[str, Reference | NoReference] = {}
+        self._computing: dict[str, threading.Lock] = {}
 
     def of(self, spec: ProblemSpec, t: float, given: ReferenceFile | None = None) -> Reference:
-        """The solution of a problem at a time; computed, or tried, at most once.
+        """The solution of a problem at a time; computed, or tried, at most once, in any thread.
 
         Args:
             spec: The problem.
@@ -68,20 +70,21 @@ class References:
         if (tabulated := of_testset(problem, t)) is not None:
             return tabulated
         content = digest(problem, t)
-        if content not in self._solved:
-            try:
-                self._solved[content] = self._stored(spec, problem, t, content)
-            except NoReference as error:
-                self._solved[content] = error
+        with self._computing.setdefault(content, threading.Lock()):
+            if content not in self._solved:
+                try:
+                    self._solved[content] = self._stored(spec, problem, t, content)
+                except NoReference as error:
+                    self._solved[content] = error
         solved = self._solved[content]
         if isinstance(solved, NoReference):
             raise NoReference(str(solved))
         return solved
 
-    def sought(self, wanted: tuple[ProblemSpec, float, ReferenceFile | None]) -> None:
-        """Compute a solution that is going to be asked for; from any thread."""
+    def sought(self, spec: ProblemSpec, t: float, given: ReferenceFile | None) -> None:
+        """Compute what `of` is going to be asked for."""
         with contextlib.suppress(NoReference):
-            self.of(*wanted)
+            self.of(spec, t, given)
 
     def _stored(self, spec: ProblemSpec, problem: Problem, t: float, content: str) -> Reference:
         """The reference from its file, which is written if none fits."""

@@ -4,7 +4,8 @@ import contextlib
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -149,9 +150,14 @@ def run_studies(
             return open_runs.close()
         sharing = _shared(planned)
         cells = {i: planned[i].cell for i in sharing}
-        places.each(references.sought, _wanted(cells.values()), options.jobs)
-        tasks, missing = _tasks(cells, references, options.timed)
-        with _execution(tasks, options, watcher, places) as finished:
+        missing: dict[int, str] = {}
+        tasks = {
+            i: Task(cells[i], timed=options.timed)
+            for i in sorted(cells, key=lambda i: -_cost(cells[i]))
+        }
+        referred = partial(_referred, tasks, references, missing)
+        wanted = [partial(references.sought, *of) for of in _wanted(cells.values())]
+        with _execution(tasks, wanted, referred, options, watcher, places) as finished:
             for i, result in finished:
                 done = _without_reference(result, missing[i]) if i in missing else result
                 with interrupts.postponed():  # a cell that is kept is counted as kept
@@ -181,21 +187,19 @@ def _wanted(cells: Iterable[Cell]) -> list[tuple[ProblemSpec, float, ReferenceFi
     return list(dict.fromkeys(wanted))
 
 
-def _tasks(
-    cells: Mapping[int, Cell], references: References, timed: bool
-) -> tuple[dict[int, Task], dict[int, str]]:
-    """Tasks in the order in which they start, and why references are missing."""
-    tasks: dict[int, Task] = {}
-    lacking: dict[int, str] = {}
-    for i, cell in sorted(cells.items(), key=lambda item: -_cost(item[1])):
-        solution = None
-        if "error" in cell.measure:
-            try:
-                solution = references.of(cell.problem, cell.reached, cell.reference)
-            except NoReference as error:
-                lacking[i] = str(error)
-        tasks[i] = Task(cell, solution, timed=timed)
-    return tasks, lacking
+def _referred(
+    tasks: Mapping[int, Task], references: References, missing: dict[int, str], name: int
+) -> Task:
+    """A task with the solution that its errors are taken from, or why there is none."""
+    task = tasks[name]
+    if "error" not in task.cell.measure:
+        return task
+    try:
+        solution = references.of(task.cell.problem, task.cell.reached, task.cell.reference)
+    except NoReference as error:
+        missing[name] = str(error)
+        return task
+    return replace(task, reference=solution)
 
 
 @contextlib.contextmanager
@@ -266,7 +270,12 @@ def _without_reference(done: Done, reason: str) -> Done:
 
 @contextlib.contextmanager
 def _execution(
-    tasks: Mapping[int, Task], options: Options, watcher: Watcher, places: Places
+    tasks: Mapping[int, Task],
+    wanted: Sequence[Callable[[], None]],
+    referred: Callable[[int], Task],
+    options: Options,
+    watcher: Watcher,
+    places: Places,
 ) -> Iterator[Execution]:
     if not tasks:
         yield iter(())
@@ -275,6 +284,9 @@ def _execution(
     if options.executor == "dask":
         from newmark_cli.running.cluster import cluster
 
+        with ThreadPoolExecutor(max_workers=options.jobs) as threads:
+            list(threads.map(lambda piece: piece(), wanted))
+        tasks = {name: referred(name) for name in tasks}
         watcher.announced(f"{cells} on the workers of {options.scheduler or 'this machine'}")
         where, limits = options.scheduler, (options.jobs, options.timeout)
         with cluster(tasks, where, *limits, watcher.steps, watcher.announced) as running:
@@ -284,7 +296,7 @@ def _execution(
         at_a_time = min(options.jobs, own) + min(options.jobs, len(tasks) - own)
         watcher.announced(f"{cells}, {at_a_time} at a time")
         how = options.jobs, options.timeout, watcher.steps, places
-        with executors.local(tasks, *how) as running:
+        with executors.local(tasks, wanted, referred, *how) as running:
             yield running
 
 

@@ -2,6 +2,7 @@
 
 import os
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from newmark_cli.mechanisms.spec import Shipped
 from newmark_cli.problems.reference import NoReference
 from newmark_cli.running import executors, runner
 from newmark_cli.running.executors import Places
+from newmark_cli.running.references import References
 from newmark_cli.study import config
 from newmark_cli.support import apart
 
@@ -62,7 +64,8 @@ def test_a_young_run_starts_no_process():
     def work(item):
         return places.call(lambda: here(item), lambda: 0)
 
-    assert places.each(work, [1, 2], 2) == [os.getpid()] * 2
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(work, [1, 2])) == [os.getpid()] * 2
 
 
 def test_the_same_bytes_from_processes(old, tmp_path, monkeypatch):
@@ -104,3 +107,22 @@ def test_a_reference_beside_is_the_one_from_here(old):
             runner._solution(spec, 30.0, 1e-9, places)
     assert np.array_equal(direct.u, beside.u)
     assert direct.v_error == beside.v_error
+
+
+def test_a_reference_is_computed_once_whoever_asks(tmp_path):
+    """Threads that need the same one wait for it; why there is none is remembered."""
+    begun, spec = [], Shipped("slider-crank")
+
+    def solve(spec, t):
+        begun.append(t)
+        if t > 0.1:
+            raise NoReference("too long")
+        return runner._solution(spec, t, None, Places())
+
+    references = References(tmp_path, solve)
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda _: references.of(spec, 0.1), range(4)))
+        tried = [threads.submit(references.of, spec, 0.2) for _ in range(4)]
+    assert all(one is found[0] for one in found)
+    assert {str(one.exception()) for one in tried} == {"too long"}
+    assert begun == [0.1, 0.2]
