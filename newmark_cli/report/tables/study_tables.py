@@ -180,8 +180,8 @@ def groups(slopes: Iterable[Slope], layout: TableConfig) -> list[tuple[str, list
 def _title(layout: TableConfig, varying: Iterable[str], first: Slope) -> str:
     """The title of one of several tables, with what distinguishes it."""
     values = joined_values(varying, first.key.named())
-    title = layout.title or first.study
-    return f"{title} ({values})" if values else title
+    title = f"{layout.title} ({values})" if layout.title and values else layout.title or values
+    return title or first.study
 
 
 def _placed(slopes: Sequence[Slope], layout: TableConfig) -> list[Placed]:
