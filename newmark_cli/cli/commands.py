@@ -76,13 +76,8 @@ def prepare() -> None:
             stream.reconfigure(errors="backslashreplace")
         else:
             screen.drop(name)
-    warnings.showwarning = lambda message, *rest: _warn(str(message))
-
-
-@cache
-def _warn(message: str) -> None:
-    """Print a warning, once."""
-    screen.complain(f"warning: {message}")
+    once = cache(screen.complain)  # of this command
+    warnings.showwarning = lambda message, *rest: once(f"warning: {message}")
 
 
 def words() -> list[str]:

@@ -407,12 +407,28 @@ def with_problem(
     """
     if not isinstance(spec, Code):
         return function(spec.load(), *arguments)
+    return beside(spec, function, *arguments, timeout=timeout)
+
+
+def beside(
+    spec: ProblemSpec,
+    function: Callable[..., _Result],
+    *arguments: Any,
+    timeout: float | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> _Result:
+    """The same, in a separate process in any case; ``stopped`` as of `apart.call`."""
     request = (spec, function, arguments)
-    result: _Result = apart.call(_loaded_with, request, timeout, spec.reading or None)
+    result: _Result = apart.call(_loaded_with, request, timeout, owner(spec), stopped)
     return result
 
 
-def _loaded_with(spec: Code, function: Callable[..., Any], arguments: Any) -> Any:
+def owner(spec: ProblemSpec) -> str | None:
+    """Whose separate processes work on a problem: those of a reading of code, or all others'."""
+    return spec.reading or None if isinstance(spec, Code) else "problems without code"
+
+
+def _loaded_with(spec: ProblemSpec, function: Callable[..., Any], arguments: Any) -> Any:
     return function(spec.load(), *arguments)
 
 

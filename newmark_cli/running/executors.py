@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from newmark_cli.mechanisms.spec import Code, ProblemSpec, is_code
+from newmark_cli.mechanisms.spec import ProblemSpec, is_code, owner
 from newmark_cli.problems import user_code
 from newmark_cli.problems.reference import Reference
 from newmark_cli.study.axes import Cell
@@ -78,11 +78,6 @@ class Places:
             return here()
         finally:
             self._here.release()
-
-
-def owner(problem: ProblemSpec) -> str | None:
-    """Whose separate processes work on a problem: those of a reading of code, or all others'."""
-    return problem.reading or None if isinstance(problem, Code) else "problems without code"
 
 
 class _Overtime(Exception):

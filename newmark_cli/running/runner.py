@@ -5,14 +5,20 @@ import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from newmark_cli.codes.given_references import ReferenceFile
-from newmark_cli.mechanisms.spec import Code, MechanismFile, ProblemSpec, is_code, with_problem
+from newmark_cli.mechanisms.spec import (
+    Code,
+    MechanismFile,
+    ProblemSpec,
+    beside,
+    is_code,
+    with_problem,
+)
 from newmark_cli.newmark.linear.choice import DENSE, DENSE_UP_TO
 from newmark_cli.problems import reference
 from newmark_cli.problems.reference import NoReference, Reference
@@ -232,19 +238,14 @@ def _solution(spec: ProblemSpec, t: float, timeout: float | None, places: Places
     def here() -> Reference:
         return reference.solution(spec.load(), t, watch)
 
-    def beside() -> Reference:
-        whose = executors.owner(spec)
+    def there() -> Reference:
+        how: dict[str, Any] = {"timeout": timeout, "stopped": places.stopped}
         try:
-            solved: Reference = apart.call(_loaded, (spec, t), timeout, whose, places.stopped)
+            return beside(spec, reference.solution, t, **how)
         except apart.ApartError as error:
             raise NoReference(f"{where}: {error}") from None
-        return solved
 
-    return beside() if is_code(spec) else places.call(here, beside)
-
-
-def _loaded(spec: ProblemSpec, t: float) -> Reference:
-    return reference.solution(spec.load(), t)
+    return there() if is_code(spec) else places.call(here, there)
 
 
 def _looked_after(planned: Planned, references: References, store: Store) -> Planned:
@@ -284,8 +285,6 @@ def _execution(
     if options.executor == "dask":
         from newmark_cli.running.cluster import cluster
 
-        with ThreadPoolExecutor(max_workers=options.jobs) as threads:
-            list(threads.map(lambda piece: piece(), wanted))
         tasks = {name: referred(name) for name in tasks}
         watcher.announced(f"{cells} on the workers of {options.scheduler or 'this machine'}")
         where, limits = options.scheduler, (options.jobs, options.timeout)
