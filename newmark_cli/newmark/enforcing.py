@@ -9,6 +9,7 @@ from newmark_cli.newmark.newton import (
     call_python,
     compiled_part,
     contains,
+    copy_vector,
     correct,
     evaluate_at,
     evaluate_past,
@@ -233,16 +234,18 @@ def project(evaluate, derive, t, problem, tables, extra, schedule, state, room, 
     while extra.level > 1 and positions[0] < MOST_POSITIONS:
         positions[0] += 1
         evaluate_at(evaluate, t, multipliers, problem, iterate, state, values)
-        if not _solve_projection(problem, extra, room, False, values.phi):
+        change[:] = 0
+        if not _solve_projection(problem, extra, room, values.phi):
             return False
-        if not _move(0, iterate, state, change) > threshold(schedule, state.fields):
+        if not _move(iterate.moving[0], iterate, state, change) > threshold(schedule, state.fields):
             break  # The next one would be of the order of the square.
     if extra.level > 0:
         evaluate_at(evaluate, t, multipliers, problem, iterate, state, values)
         differentiate(derive, t, problem, iterate, state, values, work)
-        if not _solve_projection(problem, extra, room, False, work.psi):
+        change[:] = 0
+        if not _solve_projection(problem, extra, room, work.psi):
             return False
-        _move(1, iterate, state, change)
+        _move(iterate.moving[1], iterate, state, change)
         for k in range(multipliers.shape[0]):
             state.impulse[k] = change[n + k]
     form_acceleration(tables, state)
@@ -250,23 +253,22 @@ def project(evaluate, derive, t, problem, tables, extra, schedule, state, room, 
         work.shifted[:] = 0
         evaluate_at(evaluate, t, work.shifted, problem, iterate, state, values)
         differentiate(derive, t, problem, iterate, state, values, work)
-        if not _solve_projection(problem, extra, room, True, work.curvature):
+        copy_vector(values.force, change)
+        if not _solve_projection(problem, extra, room, work.curvature):
             return False
         for i in range(n):
             change[i] -= state.fields[3, i]
             state.fields[3, i] += change[i]
         # Alike: a belongs to another time, and set to v' would cost generalized-α an order.
-        _move(2, iterate, state, change)
+        _move(iterate.moving[2], iterate, state, change)
     return True
 
 
 @compiled_part
-def _solve_projection(problem, extra, room, forced, misfit):
-    """Solve [[M, −G], [Gᵀ, 0]] x = (f + Gλ, −misfit), or with zeros in place of f + Gλ."""
-    values, saddle, addresses = room.values, room.work.saddle, room.python.addresses
-    g, n = values.g, values.force.shape[0]
-    for i in range(n):
-        saddle.rhs[i] = values.force[i] if forced else 0
+def _solve_projection(problem, extra, room, misfit):
+    """Solve [[M, −G], [Gᵀ, 0]] x = (b, −misfit) in place; b is there."""
+    g, saddle, addresses = room.values.g, room.work.saddle, room.python.addresses
+    n = room.values.force.shape[0]
     for k in range(misfit.shape[0]):
         saddle.rhs[n + k] = -misfit[k]
     if saddle.matrix.shape[0] == 0:
@@ -289,10 +291,10 @@ def _solve_projection(problem, extra, room, forced, misfit):
 
 @compiled_part
 def _move(field, iterate, state, change):
-    """Move a field by what was projected; returns the square of that."""
+    """Move a field (n,) of the iterate by what was projected; returns the square of that."""
     square = 0.0
-    for i in range(state.fields.shape[1]):
-        iterate.moving[field, i] += change[i]
+    for i in range(field.shape[0]):
+        field[i] += change[i]
         square += np.float64(change[i]) * change[i]
     take_increments(iterate, state)
     return square

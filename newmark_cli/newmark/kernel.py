@@ -146,16 +146,6 @@ def _begin(evaluate, derive, t, problem, extra, iterate, values, work, state):
 
 
 @inlined
-def _predict(problem, tables, sizes, history, iterate, new_past, state, s):
-    """Collect what the past adds to step s, and set where Newton's iteration begins."""
-    if sizes.which[s + 1] != sizes.which[s]:
-        change_size(sizes, s, state.fields[3], state.past, new_past)
-    collect_history(problem, tables, state.past, history)
-    extrapolate(tables, state.past, iterate.moving)
-    take_increments(iterate, state)
-
-
-@inlined
 def _solve(solve, static, dense, extra, sources, system, python, pivoted):
     """Overwrite the right-hand side with the correction; how that ended."""
     ending = UNSOLVED
@@ -176,28 +166,15 @@ def _solve(solve, static, dense, extra, sources, system, python, pivoted):
 
 
 @inlined
-def _accept(evaluate, derive, t, problem, tables, extra, schedule, state, room, positions):
-    """Set a and v', project, and hand the state on; False where it cannot be projected."""
+def _look_back(evaluate, derive, t, problem, extra, state, room):
+    """Compensated: evaluate G, Φ and Φ' at the end of the step, whatever was applied last."""
     iterate, values, work = room.iterate, room.values, room.work
-    if extra is None:
-        recover(tables, room.history, state.past, iterate.moving, 2, 2)
-        take_increments(iterate, state)
-        form_acceleration(tables, state)
-    if extra is not None and not project(
-        evaluate, derive, t, problem, tables, extra, schedule, state, room, positions
-    ):
-        return False
-    _advance(tables, state, iterate, room.new_past)
-    if iterate.compensated:
-        # G, Φ and Φ' at the end of the step, whatever was applied last.
-        evaluate_at(evaluate, t, state.multipliers, problem, iterate, state, values)
-        if extra is not None and (extra.differentiated != 0 or extra.level > 0):
-            differentiate(derive, t, problem, iterate, state, values, work)
-            copy_vector(work.psi, state.psi)
-            copy_vector(work.r, work.r_old)
-        _carry_over(state, iterate, values, room.new_past)
-    copy_matrix(room.new_past, state.past)
-    return True
+    evaluate_at(evaluate, t, state.multipliers, problem, iterate, state, values)
+    if extra is not None and (extra.differentiated != 0 or extra.level > 0):
+        differentiate(derive, t, problem, iterate, state, values, work)
+        copy_vector(work.psi, state.psi)
+        copy_vector(work.r, work.r_old)
+    _carry_over(state, iterate, values, room.new_past)
 
 
 @inlined
@@ -229,7 +206,11 @@ def _march(evaluate, derive, solve, plan, extra, state, counts, record, room):
     for s in range(counts.norms.shape[0]):
         begin, t = t, number(sizes.times[s + 1])
         norms, python.step[0] = counts.norms[s], s
-        _predict(problem, tables, sizes, history, iterate, room.new_past, state, s)
+        if sizes.which[s + 1] != sizes.which[s]:
+            change_size(sizes, s, state.fields[3], past, room.new_past)
+        collect_history(problem, tables, past, history)
+        extrapolate(tables, past, moving)
+        take_increments(iterate, state)
         if extra is not None:
             set_directions(evaluate, begin, problem, extra, state, room)
         previous, first, solves = np.inf, 0.0, np.int64(0)  # a literal: `look` twice
@@ -282,11 +263,19 @@ def _march(evaluate, derive, solve, plan, extra, state, counts, record, room):
             if small and (to_tolerance or norm == 0):
                 break
         counts.iterations[s] = solves if settled > 0 else -solves
-        positions = counts.positions[s : s + 1]
-        if not _accept(
-            evaluate, derive, t, problem, tables, extra, schedule, state, room, positions
-        ):
+        if extra is None:
+            recover(tables, history, past, moving, 2, 2)
+            take_increments(iterate, state)
+            form_acceleration(tables, state)
+        elif not project(
+            evaluate, derive, t, problem, tables, extra, schedule, state, room,
+            counts.positions[s : s + 1],
+        ):  # fmt: skip
             return SINGULAR, s
+        _advance(tables, state, iterate, room.new_past)
+        if iterate.compensated:
+            _look_back(evaluate, derive, t, problem, extra, state, room)
+        copy_matrix(room.new_past, past)
         kept += _record(extra, state, record, kept, s)
         given_up += counts.pivoted[s]
         if given_up >= schedule.patience:
