@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.codes import levels
-from newmark_cli.codes.changes import Discrepancy, FileNumbers, explained_by
+from newmark_cli.codes.changes import (
+    Discrepancy,
+    FileNumbers,
+    FittedChange,
+    explained_by,
+    of_geometry,
+)
 from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
@@ -79,11 +85,13 @@ def explained(
     if not any("u" in one.evidence["parts"] for one in late if one.fault):
         found += _of_start(evidence, found)
     as_told = not _named(found, "start", "length")
-    if _named(found, "start") and file is not None and file.document.get("motions"):
-        # The start of a mechanism that is driven otherwise is another one, too.
-        driven = [*_mechanism(evidence, file)]
-        if driven[0].name != "seen":
-            found = [one for one in found if one.name != "start"] + driven
+    begins = next((one for one in found if one.name == "start"), None)
+    if begins and file is not None and max(begins.evidence["misfit"], begins.evidence["rate"]) > 0:
+        # The start of a mechanism whose constraints are others is another one, too.
+        wanted = Discrepancy(evidence)
+        if good := _good(wanted, wanted.search(file, of_geometry)):
+            found = [one for one in found if one is not begins]
+            found.append(_another(evidence, wanted, good))
     elif as_told and told.steps:
         found += _of_motion(evidence, found, late, file)
     elif as_told and any(evidence.elsewhere(part) for part in ("u", "v")):
@@ -379,14 +387,27 @@ def _mechanism(
 ) -> Iterator[Finding]:
     """The one number of the file that explains u, v and λ, proved by a new solution."""
     wanted = Discrepancy(evidence, without)
-    fits = wanted.search(file)
-    good, seen = explained_by(fits), wanted.seen()
-    numbers = {fit.candidate.name: fit.change for fit in (good or fits)[:_NAMED]}
-    if not good:
-        what = "no single number of the mechanism explains it" if file else (
-            "a number of the problem differs")  # fmt: skip
-        yield evidence.finding("seen", f"{seen}; {what}", tried=numbers)
+    if not wanted.converges():
+        text = f"{wanted.seen()}; differences of successive step sizes do not fall, so that no "
+        yield evidence.finding("seen", f"{text}number is sought: Newton's iteration may end early")
         return
+    fits = wanted.search(file)
+    if good := _good(wanted, fits):
+        yield _another(evidence, wanted, good)
+        return
+    what = "no single number of the mechanism explains it" if file else (
+        "a number of the problem differs")  # fmt: skip
+    tried = {fit.candidate.name: fit.change for fit in fits[:_NAMED]}
+    yield evidence.finding("seen", f"{wanted.seen()}; {what}", tried=tried)
+
+
+def _good(wanted: Discrepancy, fits: Sequence[FittedChange]) -> list[FittedChange]:
+    """Changes that explain all, also what was not fitted."""
+    return [fit for fit in explained_by(fits) if wanted.holds(fit)]
+
+
+def _another(evidence: SeriesErrors, wanted: Discrepancy, good: Sequence[FittedChange]) -> Finding:
+    """The numbers that each explain a table."""
     names = " or ".join(fit.candidate.said(fit.change) for fit in good[:_NAMED])
     told = " and ".join(SYMBOLS[part] for part in wanted.parts)
     if len(good) == 1:
@@ -394,14 +415,17 @@ def _mechanism(
     else:
         lacks = "rows at another time" if "lambda" in wanted.parts else "λ, or rows at another time"
         says = f"each explains {told}, and the table cannot tell them apart; {lacks} would"
-    yield evidence.finding("another mechanism", f"{seen}; {names}: {says}", changes=numbers)
+    numbers = {fit.candidate.name: fit.change for fit in good[:_NAMED]}
+    return evidence.finding(
+        "another mechanism", f"{wanted.seen()}; {names}: {says}", changes=numbers
+    )
 
 
 def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Finding]:
     """λ over what u and v imply: one number, or one times a power of h, at all h and t.
 
-    One row says nothing of a λ that may alternate, and rows of one time are also explained by
-    masses and forces that do not show in u and v.
+    One row says nothing of a λ that may alternate.  A number that shows in λ only, as in a driven
+    mechanism, goes before factors of some constraints, and beside one factor of all.
     """
     hits = levels.factors(evidence)
     if not hits:
@@ -420,16 +444,21 @@ def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
         )
         yield evidence.finding("seen", text, told.integrator is None, **numbers)
         return
-    times = np.concatenate([run.t[evidence.settled(run)] for run in evidence.runs[-3:]])
-    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not any(powers):
-        other = [one for one in _mechanism(evidence, file) if one.name != "seen"]
-        if other:
-            yield from other
+    good: list[FittedChange] = []
+    if not any(powers) and evidence.elsewhere("lambda"):
+        wanted = Discrepancy(evidence)
+        good = _good(wanted, wanted.search(file))
+        if good and not alike:
+            yield _another(evidence, wanted, good)
             return
     why = next(filter(None, (levels.reason(evidence, *hit) for hit in hits)), "")
     why = why or "another Φ, unit or scaling of λ"
     if alike and not any(powers):
         why += ", or every mass and force is that many times the mechanism's"
+    for fit in good[:_NAMED]:
+        why += f", or {fit.candidate.said(fit.change)}"
+        numbers.setdefault("changes", {})[fit.candidate.name] = fit.change
+    why += ", which cannot be told apart, as u and v are the same" if good else ""
     text = f"λ is a constant times what u and v imply, at all h and t ({said}): {why}"
     yield evidence.finding("factor of λ", text, **numbers)
 

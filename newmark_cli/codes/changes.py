@@ -52,6 +52,8 @@ class FileNumbers:
 
     document: Mapping[str, Any]
     make: Callable[[Mapping[str, Any]], Problem]
+    #: Forces in Python, which stay as they are; None where there are none.
+    push: Force | None = None
 
     def numbers(self) -> Iterator[Path]:
         """Paths of the numbers that are no geometry."""
@@ -66,6 +68,16 @@ class FileNumbers:
     def motions(self) -> Iterator[Path]:
         """Paths of the numbers of driven coordinates."""
         yield from _numbers(self.document.get("motions") or {}, ("motions",))
+
+    def directions(self) -> Iterator[Path]:
+        """Paths of the directions of sliders and axes of joints, which may be those in a body."""
+        for part, key in (("sliders", "direction"), ("joints", "axis")):
+            for name, of in (self.document.get(part) or {}).items():
+                given = of.get(key)
+                if isinstance(given, Mapping):
+                    yield from ((part, name, key, body) for body in given)
+                elif given is not None:
+                    yield (part, name, key)
 
     def at(self, path: Path) -> Any:
         """The value at a path."""
@@ -86,7 +98,7 @@ class FileNumbers:
 
 
 def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
-    """The file that a problem was made of; None where there is none, or where it has code.
+    """The file that a problem was made of; None where there is none.
 
     Args:
         problem: The problem.
@@ -99,11 +111,16 @@ def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
         document = documents.parse(texts[0].decode(), problem.name).data
     else:
         return None
-    if not loading.is_mechanism(document) or loading.has_code(document):
+    if not loading.is_mechanism(document):
         return None
-    return FileNumbers(
-        document, lambda other: loading.built(problem.name, Document.of("mechanism", other))
-    )
+    coded = loading.has_code(document)
+    if coded:
+        document = {key: part for key, part in document.items() if key != "python_forces"}
+
+    def make(other: Mapping[str, Any]) -> Problem:
+        return loading.built(problem.name, Document.of("mechanism", other))
+
+    return FileNumbers(document, make, _difference(problem, make(document)) if coded else None)
 
 
 def _numbers(value: Any, path: Path) -> Iterator[Path]:
@@ -136,6 +153,7 @@ class Candidate:
         said: Its change → what it is then.
         starts: Changes that are tried first, such as −1, where it is left out.
         place: Whether it is a place, which is looked at where no other number explains.
+        tilted: Of an axis in space, the angle (rad) towards which it tilts → that candidate.
     """
 
     name: str
@@ -143,6 +161,7 @@ class Candidate:
     said: Callable[[float], str]
     starts: Sequence[float] = ()
     place: bool = False
+    tilted: Callable[[float], "Candidate"] | None = None
 
 
 def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Candidate]:
@@ -160,6 +179,7 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
 
     if file is not None:
         yield from _of_file(evidence, file)
+        yield from of_geometry(evidence, file)
     for name, moment in _gyroscopic(problem, file):
         yield share(name, partial(_against, moment), (-1.0, -2.0))
     size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
@@ -189,16 +209,49 @@ def _less_curved(
     return {"curvature": of(c), "recovered": recovered}
 
 
+def of_geometry(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
+    """Numbers of motions and directions of axes, with which a motion also starts otherwise."""
+    end = evidence.end
+
+    def driven(
+        path: Path, start: Any, change: Callable[[Any, float], Any], c: float, tolerance: float
+    ) -> Truth:
+        # It starts as its first row says, or projected.
+        moving = replace(file, document={**file.document, "project_velocities": True})
+        other = moving.changed([path], lambda value: change(value, c))
+        u0, v0 = start or (None, None)
+        return Truth(other, end, u0=u0, v0=v0, force=file.push, tolerance=tolerance)
+
+    def number(
+        path: Path, change: Callable[[Any, float], Any], start: Any, said: Any, name: str
+    ) -> Candidate:
+        return Candidate(name, partial(driven, path, start, change), said)
+
+    def tilted(path: Path, start: Any, angle: float) -> Candidate:
+        name = f"the direction of {_name(path)}"
+        said = partial(_turned, name, file.at(path), angle)
+        found = number(path, partial(_tilted, angle), start, said, name)
+        return replace(found, tilted=partial(tilted, path, start))
+
+    for start in [None] if evidence.start is None else [evidence.start, None]:
+        for path in file.motions():
+            yield number(path, _times, start, _share(_name(path)), _name(path))
+            if path[-1] == "frequency":
+                name = _name((*path[:-1], "phase"))
+                said = partial("{} {:+.5g} rad".format, name)
+                yield number((*path[:-1], "phase"), _plus, start, said, name)
+        for path in file.directions():
+            if len(file.at(path)) == 3:
+                yield tilted(path, start, 0.0)
+            else:
+                name = f"the direction of {_name(path)}"
+                said = partial(_turned, name, None, 0.0)
+                yield number(path, _rotated, start, said, name)
+
+
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
     right, end = evidence.problem, evidence.end
-
-    def driven(path: Path, start: Any, c: float, tolerance: float) -> Truth:
-        # What is driven otherwise starts otherwise: as its first row says, or projected.
-        moving = replace(file, document={**file.document, "project_velocities": True})
-        other = moving.changed([path], lambda value: _times(value, c))
-        u0, v0 = start or (None, None)
-        return Truth(other, end, u0=u0, v0=v0, tolerance=tolerance)
 
     def moved(
         paths: Sequence[Path], change: Callable[[Any, float], Any], c: float, tolerance: float
@@ -206,12 +259,13 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         # The start is that of the right mechanism: a table may say otherwise in its first row.
         if c < -1 and paths[0][-1] in _POSITIVE:
             less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
-            return Truth(right, end, force=_of_number(right, less, c), tolerance=tolerance)
+            term = _difference(file.make(file.document), less)
+            return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
         start = other.values(right.t0, right.u0, right.v0, np.zeros(right.m))
         if np.abs(start.phi).max(initial=0.0) > _MISFIT:
             raise NoMotion("the start misses a constraint")
-        return Truth(other, end, u0=right.u0, v0=right.v0, tolerance=tolerance)
+        return Truth(other, end, u0=right.u0, v0=right.v0, force=file.push, tolerance=tolerance)
 
     def number(
         paths: Sequence[Path], change: Callable[[Any, float], Any] = _times, name: str = "",
@@ -241,20 +295,17 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
             yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())
-    begins = [None] if evidence.start is None else [evidence.start, None]
-    for path, start in itertools.product(file.motions(), begins):
-        yield Candidate(_name(path), partial(driven, path, start), _share(_name(path)))
     for path in file.places():
         said = partial("{} {:+.5g} m".format, _name(path))
         turned = (-2 * file.at(path),) if file.at(path) else ()
         yield replace(number([path], _plus, "", said, turned), place=True)
 
 
-def _of_number(problem: Problem, less: Problem, c: float) -> Force:
-    """The force of a number that no file may turn, times c: of a law with the wrong sign."""
+def _difference(problem: Problem, less: Problem) -> Force:
+    """The force of what a problem has more than another."""
     none = np.zeros(problem.m)
     return lambda t, u, v: np.asarray(
-        c * (problem.values(float(t), u, v, none).force - less.values(float(t), u, v, none).force)
+        problem.values(float(t), u, v, none).force - less.values(float(t), u, v, none).force
     )
 
 
@@ -277,6 +328,30 @@ def _rotated(value: Sequence[float], c: float) -> list[float]:
     """A vector in the plane, turned by c (rad)."""
     x, y = value
     return [x * math.cos(c) - y * math.sin(c), x * math.sin(c) + y * math.cos(c)]
+
+
+def _across(axis: Sequence[float], angle: float) -> Array:
+    """A unit vector perpendicular to an axis in space."""
+    along = np.array(axis) / np.linalg.norm(axis)
+    first = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+    first /= np.linalg.norm(first)
+    return np.asarray(math.cos(angle) * first + math.sin(angle) * np.cross(along, first))
+
+
+def _tilted(angle: float, axis: Sequence[float], c: float) -> list[float]:
+    """An axis in space, tilted by c (rad) towards a direction across it."""
+    size = float(np.linalg.norm(axis))
+    tilt = math.cos(c) * np.array(axis) + math.sin(c) * size * _across(axis, angle)
+    return [float(x) for x in tilt]
+
+
+def _turned(name: str, axis: Sequence[float] | None, angle: float, c: float) -> str:
+    """What a direction in the plane, or an axis in space, is turned by."""
+    if axis is None:
+        return f"{name} turned by {math.degrees(c):.4g}°"
+    tilt = _tilted(angle, [x / float(np.linalg.norm(axis)) for x in axis], c)
+    there = ", ".join(f"{x:.4g}" for x in tilt)
+    return f"{name} tilted by {math.degrees(abs(c)):.4g}°, to [{there}]"
 
 
 def _mixed(i: int, j: int, value: Sequence[float], c: float) -> list[float]:
@@ -355,7 +430,7 @@ class Discrepancy:
         run = evidence.runs[-1]
         rows = evidence.looked_at(run)
         rows = rows[evidence.settled(run)[rows]] if evidence.settled(run)[rows].any() else rows
-        self.evidence = evidence
+        self.evidence, self._rows, self._without = evidence, rows, without
         self.unsure = {x: 2 * evidence.bound(x) for x in PARTS if evidence.has[x]}
         self.parts = [
             x for x in PARTS
@@ -409,17 +484,50 @@ class Discrepancy:
                 break
         return best
 
+    def fitted_tilt(self, candidate: Candidate) -> FittedChange:
+        """A tilt of an axis, of which the direction is fitted, too."""
+        assert candidate.tilted is not None
+        best = FittedChange(math.inf, 1.0, 0.0, candidate)
+        at, angle, small = 0.0, 0.0, 1e-3
+        for _ in range(3):
+            # Here, and a little further along the direction of the tilt so far and across it.
+            here = self.moved(candidate.tilted(angle), at) if at else np.zeros_like(self.all)
+            along = self.moved(candidate.tilted(angle), at + small)
+            aside = candidate.tilted(angle + math.atan2(small, at))
+            slopes = np.array([along - here, self.moved(aside, math.hypot(at, small)) - here])
+            if np.abs(slopes).max() > 1e8:
+                break
+            along_by, aside_by = np.linalg.lstsq(slopes.T / small, self.all - here, rcond=1e-6)[0]
+            angle += math.atan2(aside_by, at + along_by)
+            at = float(np.clip(math.hypot(at + along_by, aside_by), 1e-9, 0.5))
+            across = candidate.tilted(angle)
+            fit = FittedChange(*self._left(self.moved(across, at)), at, across)
+            best = min(best, fit, key=lambda one: one.worst)
+            if fit.mean > 0.9:
+                break
+        return best
+
     def _left(self, moved: Array) -> tuple[float, float]:
         left = self.all - moved
         return float(np.abs(left).max()), float(np.linalg.norm(left)) / max(self.size, 1e-300)
 
-    def search(self, file: FileNumbers | None) -> list[FittedChange]:
-        """What each candidate leaves, the best first."""
+    def search(
+        self, file: FileNumbers | None, of: Callable[..., Iterator[Candidate]] = candidates
+    ) -> list[FittedChange]:
+        """What each candidate leaves, the best first.
+
+        Args:
+            file: The mechanism's file.
+            of: Which candidates there are.
+        """
         fits: list[FittedChange] = []
-        every = list(candidates(self.evidence, file))
+        every = list(of(self.evidence, file))
         rounds = [(False, False), (False, True), (True, False)]
         for far, place in rounds if self.largest > 0.02 else rounds[:2]:
             for candidate in (one for one in every if one.place == place):
+                if candidate.tilted:
+                    fits += [] if far else [self.fitted_tilt(candidate)]
+                    continue
                 starts = _SCAN if far else candidate.starts
                 near, least = 0.0, (0.6 if far else 0.3)
                 for c in starts if self.largest > 1e-4 else ():
@@ -432,6 +540,24 @@ class Discrepancy:
             if best and best.worst < _EXPLAINS and "rest_length" not in best.candidate.name:
                 break
         return sorted(fits, key=lambda fit: fit.worst)
+
+    def converges(self) -> bool:
+        """Whether differences of successive step sizes fall, or are small against the error."""
+        return all(self.evidence.falls(part) for part in self.parts)
+
+    def holds(self, fit: FittedChange) -> bool:
+        """Whether a change that explains the smallest h also explains λ that was not fitted.
+
+        λ may be too rough to be fitted; then it must come no nearer to the right mechanism's.
+        """
+        if "lambda" in self.parts or "lambda" in self._without or not self.evidence.has["lambda"]:
+            return True
+        run, part = self.evidence.runs[-1], "lambda"
+        there = fit.candidate.of(fit.change, self.tolerance).at(run.t[self._rows])[part]
+        left = self.evidence.of(part, run.state[part][self._rows] - there)
+        now = self.evidence.error(part, -1)[self._rows]
+        allowed = max(_EXPLAINS * self.unsure[part], 1.2 * float(np.abs(now).max()))
+        return bool(np.abs(left).max() <= allowed)
 
     def seen(self) -> str:
         """That it converges elsewhere, in numbers."""
