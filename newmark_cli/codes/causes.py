@@ -80,13 +80,13 @@ def explained(
             found.append(evidence.finding("seen", f"runs of h = {sizes} end before the others"))
     else:
         found += _beyond_tolerance(evidence)
-    late = [*_late(evidence)] if told.steps else []
+    late = ([*_late(evidence)] or [*levels.of_another_time(evidence)]) if told.steps else []
     # Rows of t = 0 that are those of another time, too, are no other start.
     if not any("u" in one.evidence["parts"] for one in late if one.fault):
         found += _of_start(evidence, found)
     as_told = not _named(found, "start", "length")
     begins = next((one for one in found if one.name == "start"), None)
-    if begins and file is not None and max(begins.evidence["misfit"], begins.evidence["rate"]) > 0:
+    if begins and file is not None and begins.evidence["violates"]:
         # The start of a mechanism whose constraints are others is another one, too.
         wanted = Discrepancy(evidence)
         if good := _good(wanted, wanted.search(file, of_geometry)):
@@ -270,7 +270,8 @@ def _start(evidence: SeriesErrors) -> Iterator[Finding]:
                 for of_v in (False, True)
             )
             kind = "start"
-            if max(phi, rate) > max(1e-9, allowed):
+            violates = max(phi, rate) > max(1e-9, allowed)
+            if violates:
                 says = f"; it misses Φ by {phi:.1g} and Φ′ by {rate:.1g}: no motion begins there"
             elif _begins(evidence, at[0], k):
                 says = "; the motion from there is what the code computes"
@@ -278,8 +279,9 @@ def _start(evidence: SeriesErrors) -> Iterator[Finding]:
                 kind, says = "seen", ", which does not explain the rows that follow"
             text = f"the row of t = 0 has {name} off by {off.max():.2g} of the largest {part}{says}"
             yield evidence.finding(
-                kind, text, coordinate=name, off=float(off.max()), misfit=phi, rate=rate
-            )
+                kind, text, coordinate=name, off=float(off.max()), misfit=phi, rate=rate,
+                violates=violates,
+            )  # fmt: skip
             return
 
 
@@ -359,14 +361,19 @@ def _of_time(evidence: SeriesErrors, parts: Sequence[str], c: float, left: float
 
 def _mixed(evidence: SeriesErrors) -> Iterator[Finding]:
     """One run that does not lie on the line of all others."""
-    if len(evidence.runs) < 5:
+    if len(evidence.runs) < 4:
         return
     for part in ("u", "v"):
-        if not evidence.has[part] or (evidence.last(part) < 10 * evidence.floor(part)).any():
+        if not evidence.has[part]:
             continue
-        x, y = np.log(evidence.h), np.log(evidence.last(part))
-        # At the smallest h it may be rounding, where that was not measured with the method.
-        for k in range(len(x) if evidence.told.integrator else len(x) - 1):
+        clear = evidence.last(part) > 10 * evidence.floor(part)
+        if clear.sum() < 4 or not clear[: clear.sum()].all():
+            continue
+        x, y = np.log(evidence.h[clear]), np.log(evidence.last(part)[clear])
+        # At the smallest h it may be rounding, where that was not measured with the method; three
+        # others tell of the coarsest only.
+        smallest = len(x) if evidence.told.integrator and clear.all() else len(x) - 1
+        for k in range(smallest if len(x) > 4 else 1):
             rest = np.arange(len(x)) != k
             fit = np.polyfit(x[rest], y[rest], 1)
             above = float(y[k] - np.polyval(fit, x[k]))
@@ -374,8 +381,15 @@ def _mixed(evidence: SeriesErrors) -> Iterator[Finding]:
             if 0.7 < fit[0] < 6 and straight and above > 2.3:
                 h, factor = float(evidence.h[k]), math.exp(above)
                 text = f"{SYMBOLS[part]} at h = {h:g} is {factor:.2g} times what all other step "
-                text += "sizes say: that run is of other settings"
-                yield evidence.finding("mixed", text, h=h, factor=factor)
+                text += "sizes say: "
+                # A coarse run of a sound code may be too coarse.
+                coarse = k == 0
+                text += (
+                    "as that h is the coarsest, the run is left out; it is of other settings, or h "
+                    "is too coarse there, which runs between it and the next would tell"
+                    if coarse else "that run is of other settings"
+                )  # fmt: skip
+                yield evidence.finding("mixed", text, not coarse, h=h, factor=factor)
                 return
 
 

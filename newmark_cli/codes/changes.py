@@ -228,7 +228,7 @@ def of_geometry(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate
         return Candidate(name, partial(driven, path, start, change), said)
 
     def tilted(path: Path, start: Any, angle: float) -> Candidate:
-        name = f"the direction of {_name(path)}"
+        name = _name(path)
         said = partial(_turned, name, file.at(path), angle)
         found = number(path, partial(_tilted, angle), start, said, name)
         return replace(found, tilted=partial(tilted, path, start))
@@ -244,9 +244,8 @@ def of_geometry(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate
             if len(file.at(path)) == 3:
                 yield tilted(path, start, 0.0)
             else:
-                name = f"the direction of {_name(path)}"
-                said = partial(_turned, name, None, 0.0)
-                yield number(path, _rotated, start, said, name)
+                said = partial(_turned, _name(path), None, 0.0)
+                yield number(path, _rotated, start, said, _name(path))
 
 
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
@@ -350,7 +349,7 @@ def _turned(name: str, axis: Sequence[float] | None, angle: float, c: float) -> 
     if axis is None:
         return f"{name} turned by {math.degrees(c):.4g}°"
     tilt = _tilted(angle, [x / float(np.linalg.norm(axis)) for x in axis], c)
-    there = ", ".join(f"{x:.4g}" for x in tilt)
+    there = ", ".join(f"{round(x, 5):g}" for x in tilt)
     return f"{name} tilted by {math.degrees(abs(c)):.4g}°, to [{there}]"
 
 
@@ -523,7 +522,8 @@ class Discrepancy:
         fits: list[FittedChange] = []
         every = list(of(self.evidence, file))
         rounds = [(False, False), (False, True), (True, False)]
-        for far, place in rounds if self.largest > 0.02 else rounds[:2]:
+        moves = any(self.evidence.elsewhere(part) for part in ("u", "v"))
+        for far, place in rounds if self.largest > 0.02 and moves else rounds[: 1 + moves]:
             for candidate in (one for one in every if one.place == place):
                 if candidate.tilted:
                     fits += [] if far else [self.fitted_tilt(candidate)]
@@ -546,10 +546,13 @@ class Discrepancy:
         return all(self.evidence.falls(part) for part in self.parts)
 
     def holds(self, fit: FittedChange) -> bool:
-        """Whether a change that explains the smallest h also explains λ that was not fitted.
+        """Whether a change is what explains the smallest h, and also λ that was not fitted.
 
-        λ may be too rough to be fitted; then it must come no nearer to the right mechanism's.
+        The start of the table may explain all of it without the change.  λ may be too rough to be
+        fitted; then it must not be further from the changed mechanism's than from the right one's.
         """
+        if self._left(self.moved(fit.candidate, 0.0))[0] < _EXPLAINS:
+            return False
         if "lambda" in self.parts or "lambda" in self._without or not self.evidence.has["lambda"]:
             return True
         run, part = self.evidence.runs[-1], "lambda"
