@@ -137,7 +137,7 @@ def _numbers(value: Any, path: Path) -> Iterator[Path]:
         if key in _WHOLE and sum(map(bool, item)) < 2:
             continue
         if isinstance(item, int | float) and not isinstance(item, bool):
-            if item:
+            if item or path[-1:] == ("centre",):
                 yield (*path, key)
         else:
             yield from _numbers(item, (*path, key))
@@ -276,6 +276,9 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     alike: dict[str, list[Path]] = {}
     for path in file.numbers():
         key, name, value = str(path[-1]), _name(path), file.at(path)
+        if value == 0:  # a component of a centre
+            yield number([path], _plus, said=partial("{} {:+.5g} m".format, name), starts=())
+            continue
         alike.setdefault(key, []).append(path)
         inert = "mass" in path or "inertia" in path
         yield number([path], starts=(-1.0,) if inert else (-1.0, -2.0))
