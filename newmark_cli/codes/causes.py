@@ -6,18 +6,13 @@ the motion, the constraints, and λ last.  What no rule explains is only said to
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.codes import levels
-from newmark_cli.codes.changes import (
-    Discrepancy,
-    FileNumbers,
-    FittedChange,
-    explained_by,
-    of_geometry,
-)
+from newmark_cli.codes import geometry, levels
+from newmark_cli.codes.changes import Discrepancy, FileNumbers, FittedChange, explained_by
 from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
@@ -83,16 +78,9 @@ def explained(
     late = ([*_late(evidence)] or [*levels.of_another_time(evidence)]) if told.steps else []
     # Rows of t = 0 that are those of another time, too, are no other start.
     if not any("u" in one.evidence["parts"] for one in late if one.fault):
-        found += _of_start(evidence, found)
-    as_told = not _named(found, "start", "length")
-    begins = next((one for one in found if one.name == "start"), None)
-    if begins and file is not None and begins.evidence["violates"]:
-        # The start of a mechanism whose constraints are others is another one, too.
-        wanted = Discrepancy(evidence)
-        if good := _good(wanted, wanted.search(file, of_geometry)):
-            found = [one for one in found if one is not begins]
-            found.append(_another(evidence, wanted, good))
-    elif as_told and told.steps:
+        found += _of_geometry(evidence, file) or _of_start(evidence, found)
+    as_told = not _named(found, "start", "length", "another mechanism")
+    if as_told and told.steps:
         found += _of_motion(evidence, found, late, file)
     elif as_told and any(evidence.elsewhere(part) for part in ("u", "v")):
         found += _mechanism(evidence, file)
@@ -131,6 +119,18 @@ def without_solution(runs: Sequence["Run"], t0: float, told: Told, why: str) -> 
 
 def _named(found: Sequence[Finding], *names: str) -> bool:
     return any(one.name in names and one.fault for one in found)
+
+
+def _of_geometry(evidence: SeriesErrors, file: FileNumbers | None) -> list[Finding]:
+    """A number with which Φ is met; positions held at a level above keep what a start misses."""
+    starts = [one for one in _start(evidence) if one.name == "start"]
+    if starts and evidence.told.formulation in ("index-1", "index-2"):
+        return []
+    found = [*geometry.changed(evidence, file)]
+    if found and starts and not evidence.told.formulation:
+        off = "a code that keeps what its start misses does the same where"
+        return [replace(found[0], text=f"{found[0].text}; {off} {starts[0].text}")]
+    return found
 
 
 def _of_start(evidence: SeriesErrors, found: Sequence[Finding]) -> list[Finding]:

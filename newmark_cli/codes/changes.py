@@ -16,7 +16,7 @@ import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
-from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms import loading, tables_beside
 from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
@@ -69,16 +69,6 @@ class FileNumbers:
         """Paths of the numbers of driven coordinates."""
         yield from _numbers(self.document.get("motions") or {}, ("motions",))
 
-    def directions(self) -> Iterator[Path]:
-        """Paths of the directions of sliders and axes of joints, which may be those in a body."""
-        for part, key in (("sliders", "direction"), ("joints", "axis")):
-            for name, of in (self.document.get(part) or {}).items():
-                given = of.get(key)
-                if isinstance(given, Mapping):
-                    yield from ((part, name, key, body) for body in given)
-                elif given is not None:
-                    yield (part, name, key)
-
     def at(self, path: Path) -> Any:
         """The value at a path."""
         value: Any = self.document
@@ -98,7 +88,7 @@ class FileNumbers:
 
 
 def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
-    """The file that a problem was made of; None where there is none.
+    """The file that a problem was made of, with its tables; None where there is none.
 
     Args:
         problem: The problem.
@@ -106,13 +96,14 @@ def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
     """
     texts = [text for name, text in problem.sources.items() if name.endswith((".yaml", ".yml"))]
     if isinstance(given, Mapping):
-        document: Any = dict(given)
+        described = Document.of("mechanism", dict(given))
     elif len(texts) == 1:
-        document = documents.parse(texts[0].decode(), problem.name).data
+        described = documents.parse(texts[0].decode(), problem.name)
     else:
         return None
-    if not loading.is_mechanism(document):
+    if not loading.is_mechanism(described.data):
         return None
+    document = tables_beside.filled(described, problem.sources).data
     coded = loading.has_code(document)
     if coded:
         document = {key: part for key, part in document.items() if key != "python_forces"}
@@ -153,7 +144,6 @@ class Candidate:
         said: Its change → what it is then.
         starts: Changes that are tried first, such as −1, where it is left out.
         place: Whether it is a place, which is looked at where no other number explains.
-        tilted: Of an axis in space, the angle (rad) towards which it tilts → that candidate.
     """
 
     name: str
@@ -161,40 +151,39 @@ class Candidate:
     said: Callable[[float], str]
     starts: Sequence[float] = ()
     place: bool = False
-    tilted: Callable[[float], "Candidate"] | None = None
 
 
 def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Candidate]:
     """What may have been changed, the numbers of the file first."""
     problem, end = evidence.problem, evidence.end
 
-    def share(
+    def lacking(
         name: str, changed: Callable[[float], dict[str, Any]], starts: Sequence[float]
     ) -> Candidate:
         """A term of which a share may be lacking: its change → what the motion has otherwise."""
         return Candidate(
-            name, lambda c, tol: Truth(problem, end, tolerance=tol, **changed(c)), _share(name),
+            name, lambda c, tol: Truth(problem, end, tolerance=tol, **changed(c)), share(name),
             starts,
         )  # fmt: skip
 
     if file is not None:
         yield from _of_file(evidence, file)
-        yield from of_geometry(evidence, file)
+        yield from _of_motions(evidence, file)
     for name, moment in _gyroscopic(problem, file):
-        yield share(name, partial(_against, moment), (-1.0, -2.0))
+        yield lacking(name, partial(_against, moment), (-1.0, -2.0))
     size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
-    drag = share("a drag −c v", partial(_against, lambda u, v: size * v), ())
+    drag = lacking("a drag −c v", partial(_against, lambda u, v: size * v), ())
     yield replace(drag, said=lambda c: f"a drag −c v, c = {c * size:.3g}")
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
     terms = {"κ of Gᵀa + κ = 0 (centrifugal terms)": lambda c: (1 + c, 1.0)}
     if file is not None and file.document.get("motions"):
         terms["the acceleration of the motions"] = lambda c: (1.0, 1 + c)
     for name, of in terms.items():
-        yield share(name, partial(_less_curved, of, False), (-1.0, -2.0))
+        yield lacking(name, partial(_less_curved, of, False), (-1.0, -2.0))
         if right:
-            yield share(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
+            yield lacking(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
     if evidence.start is None:
-        yield share("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
+        yield lacking("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
 
 def _against(push: Callable[[Array, Array], Array], c: float) -> dict[str, Any]:
@@ -209,43 +198,19 @@ def _less_curved(
     return {"curvature": of(c), "recovered": recovered}
 
 
-def of_geometry(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
-    """Numbers of motions and directions of axes, with which a motion also starts otherwise."""
-    end = evidence.end
+def _of_motions(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
+    """Numbers of motions, with which a mechanism also starts otherwise."""
 
-    def driven(
-        path: Path, start: Any, change: Callable[[Any, float], Any], c: float, tolerance: float
-    ) -> Truth:
+    def driven(path: Path, start: Any, c: float, tolerance: float) -> Truth:
         # It starts as its first row says, or projected.
         moving = replace(file, document={**file.document, "project_velocities": True})
-        other = moving.changed([path], lambda value: change(value, c))
+        other = moving.changed([path], lambda value: _times(value, c))
         u0, v0 = start or (None, None)
-        return Truth(other, end, u0=u0, v0=v0, force=file.push, tolerance=tolerance)
+        return Truth(other, evidence.end, u0=u0, v0=v0, force=file.push, tolerance=tolerance)
 
-    def number(
-        path: Path, change: Callable[[Any, float], Any], start: Any, said: Any, name: str
-    ) -> Candidate:
-        return Candidate(name, partial(driven, path, start, change), said)
-
-    def tilted(path: Path, start: Any, angle: float) -> Candidate:
-        name = _name(path)
-        said = partial(_turned, name, file.at(path), angle)
-        found = number(path, partial(_tilted, angle), start, said, name)
-        return replace(found, tilted=partial(tilted, path, start))
-
-    for start in [None] if evidence.start is None else [evidence.start, None]:
-        for path in file.motions():
-            yield number(path, _times, start, _share(_name(path)), _name(path))
-            if path[-1] == "frequency":
-                name = _name((*path[:-1], "phase"))
-                said = partial("{} {:+.5g} rad".format, name)
-                yield number((*path[:-1], "phase"), _plus, start, said, name)
-        for path in file.directions():
-            if len(file.at(path)) == 3:
-                yield tilted(path, start, 0.0)
-            else:
-                said = partial(_turned, _name(path), None, 0.0)
-                yield number(path, _rotated, start, said, _name(path))
+    begins = [None] if evidence.start is None else [evidence.start, None]
+    for path, start in itertools.product(file.motions(), begins):
+        yield Candidate(joined(path), partial(driven, path, start), share(joined(path)))
 
 
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
@@ -270,12 +235,12 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         paths: Sequence[Path], change: Callable[[Any, float], Any] = _times, name: str = "",
         said: Callable[[float], str] | None = None, starts: Sequence[float] = (-1.0, -2.0),
     ) -> Candidate:  # fmt: skip
-        name = name or _name(paths[0])
-        return Candidate(name, partial(moved, paths, change), said or _share(name), starts)
+        name = name or joined(paths[0])
+        return Candidate(name, partial(moved, paths, change), said or share(name), starts)
 
     alike: dict[str, list[Path]] = {}
     for path in file.numbers():
-        key, name, value = str(path[-1]), _name(path), file.at(path)
+        key, name, value = str(path[-1]), joined(path), file.at(path)
         if value == 0:  # a component of a centre
             yield number([path], _plus, said=partial("{} {:+.5g} m".format, name), starts=())
             continue
@@ -292,13 +257,13 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
                          (math.pi / 2, -math.pi / 2))  # fmt: skip
         if key == "frequency":
             phase = (*path[:-1], "phase")
-            said = partial("{} + {:.5g} rad".format, _name(phase))
+            said = partial("{} + {:.5g} rad".format, joined(phase))
             yield number([phase], _plus, "", said, (math.pi / 2, math.pi))
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
             yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())
     for path in file.places():
-        said = partial("{} {:+.5g} m".format, _name(path))
+        said = partial("{} {:+.5g} m".format, joined(path))
         turned = (-2 * file.at(path),) if file.at(path) else ()
         yield replace(number([path], _plus, "", said, turned), place=True)
 
@@ -311,7 +276,8 @@ def _difference(problem: Problem, less: Problem) -> Force:
     )
 
 
-def _name(path: Path) -> str:
+def joined(path: Path) -> str:
+    """Name of a number: its keys, with dots."""
     return ".".join(map(str, path))
 
 
@@ -330,30 +296,6 @@ def _rotated(value: Sequence[float], c: float) -> list[float]:
     """A vector in the plane, turned by c (rad)."""
     x, y = value
     return [x * math.cos(c) - y * math.sin(c), x * math.sin(c) + y * math.cos(c)]
-
-
-def _across(axis: Sequence[float], angle: float) -> Array:
-    """A unit vector perpendicular to an axis in space."""
-    along = np.array(axis) / np.linalg.norm(axis)
-    first = np.cross(along, np.eye(3)[np.abs(along).argmin()])
-    first /= np.linalg.norm(first)
-    return np.asarray(math.cos(angle) * first + math.sin(angle) * np.cross(along, first))
-
-
-def _tilted(angle: float, axis: Sequence[float], c: float) -> list[float]:
-    """An axis in space, tilted by c (rad) towards a direction across it."""
-    size = float(np.linalg.norm(axis))
-    tilt = math.cos(c) * np.array(axis) + math.sin(c) * size * _across(axis, angle)
-    return [float(x) for x in tilt]
-
-
-def _turned(name: str, axis: Sequence[float] | None, angle: float, c: float) -> str:
-    """What a direction in the plane, or an axis in space, is turned by."""
-    if axis is None:
-        return f"{name} turned by {math.degrees(c):.4g}°"
-    tilt = _tilted(angle, [x / float(np.linalg.norm(axis)) for x in axis], c)
-    there = ", ".join(f"{round(x, 5):g}" for x in tilt)
-    return f"{name} tilted by {math.degrees(abs(c)):.4g}°, to [{there}]"
 
 
 def _mixed(i: int, j: int, value: Sequence[float], c: float) -> list[float]:
@@ -407,7 +349,8 @@ def _moment(tensors: Array, u: Array, v: Array) -> Array:
     return pushed.ravel()
 
 
-def _share(name: str) -> Callable[[float], str]:
+def share(name: str) -> Callable[[float], str]:
+    """Share of a number by which it differs → what it is then."""
     return lambda c: (
         f"{name} left out" if abs(c + 1) < 1e-3
         else f"{name} with its sign turned" if abs(c + 2) < 1e-3
@@ -486,51 +429,18 @@ class Discrepancy:
                 break
         return best
 
-    def fitted_tilt(self, candidate: Candidate) -> FittedChange:
-        """A tilt of an axis, of which the direction is fitted, too."""
-        assert candidate.tilted is not None
-        best = FittedChange(math.inf, 1.0, 0.0, candidate)
-        at, angle, small = 0.0, 0.0, 1e-3
-        for _ in range(3):
-            # Here, and a little further along the direction of the tilt so far and across it.
-            here = self.moved(candidate.tilted(angle), at) if at else np.zeros_like(self.all)
-            along = self.moved(candidate.tilted(angle), at + small)
-            aside = candidate.tilted(angle + math.atan2(small, at))
-            slopes = np.array([along - here, self.moved(aside, math.hypot(at, small)) - here])
-            if np.abs(slopes).max() > 1e8:
-                break
-            along_by, aside_by = np.linalg.lstsq(slopes.T / small, self.all - here, rcond=1e-6)[0]
-            angle += math.atan2(aside_by, at + along_by)
-            at = float(np.clip(math.hypot(at + along_by, aside_by), 1e-9, 0.5))
-            across = candidate.tilted(angle)
-            fit = FittedChange(*self._left(self.moved(across, at)), at, across)
-            best = min(best, fit, key=lambda one: one.worst)
-            if fit.mean > 0.9:
-                break
-        return best
-
     def _left(self, moved: Array) -> tuple[float, float]:
         left = self.all - moved
         return float(np.abs(left).max()), float(np.linalg.norm(left)) / max(self.size, 1e-300)
 
-    def search(
-        self, file: FileNumbers | None, of: Callable[..., Iterator[Candidate]] = candidates
-    ) -> list[FittedChange]:
-        """What each candidate leaves, the best first.
-
-        Args:
-            file: The mechanism's file.
-            of: Which candidates there are.
-        """
+    def search(self, file: FileNumbers | None) -> list[FittedChange]:
+        """What each candidate leaves, the best first."""
         fits: list[FittedChange] = []
-        every = list(of(self.evidence, file))
+        every = list(candidates(self.evidence, file))
         rounds = [(False, False), (False, True), (True, False)]
         moves = any(self.evidence.elsewhere(part) for part in ("u", "v"))
         for far, place in rounds if self.largest > 0.02 and moves else rounds[: 1 + moves]:
             for candidate in (one for one in every if one.place == place):
-                if candidate.tilted:
-                    fits += [] if far else [self.fitted_tilt(candidate)]
-                    continue
                 starts = _SCAN if far else candidate.starts
                 near, least = 0.0, (0.6 if far else 0.3)
                 for c in starts if self.largest > 1e-4 else ():
