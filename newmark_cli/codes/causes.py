@@ -6,12 +6,13 @@ the motion, the constraints, and λ last.  What no rule explains is only said to
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.codes import levels
-from newmark_cli.codes.changes import Discrepancy, FileNumbers, explained_by
+from newmark_cli.codes import geometry, levels
+from newmark_cli.codes.changes import Discrepancy, FileNumbers, FittedChange, explained_by
 from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
@@ -74,17 +75,12 @@ def explained(
             found.append(evidence.finding("seen", f"runs of h = {sizes} end before the others"))
     else:
         found += _beyond_tolerance(evidence)
-    late = [*_late(evidence)] if told.steps else []
+    late = ([*_late(evidence)] or [*levels.of_another_time(evidence)]) if told.steps else []
     # Rows of t = 0 that are those of another time, too, are no other start.
     if not any("u" in one.evidence["parts"] for one in late if one.fault):
-        found += _of_start(evidence, found)
-    as_told = not _named(found, "start", "length")
-    if _named(found, "start") and file is not None and file.document.get("motions"):
-        # The start of a mechanism that is driven otherwise is another one, too.
-        driven = [*_mechanism(evidence, file)]
-        if driven[0].name != "seen":
-            found = [one for one in found if one.name != "start"] + driven
-    elif as_told and told.steps:
+        found += _of_geometry(evidence, file) or _of_start(evidence, found)
+    as_told = not _named(found, "start", "length", "another mechanism")
+    if as_told and told.steps:
         found += _of_motion(evidence, found, late, file)
     elif as_told and any(evidence.elsewhere(part) for part in ("u", "v")):
         found += _mechanism(evidence, file)
@@ -123,6 +119,18 @@ def without_solution(runs: Sequence["Run"], t0: float, told: Told, why: str) -> 
 
 def _named(found: Sequence[Finding], *names: str) -> bool:
     return any(one.name in names and one.fault for one in found)
+
+
+def _of_geometry(evidence: SeriesErrors, file: FileNumbers | None) -> list[Finding]:
+    """A number with which Φ is met; positions held at a level above keep what a start misses."""
+    starts = [one for one in _start(evidence) if one.name == "start"]
+    if starts and evidence.told.formulation in ("index-1", "index-2"):
+        return []
+    found = [*geometry.changed(evidence, file)]
+    if found and starts and not evidence.told.formulation:
+        off = "a code that keeps what its start misses does the same where"
+        return [replace(found[0], text=f"{found[0].text}; {off} {starts[0].text}")]
+    return found
 
 
 def _of_start(evidence: SeriesErrors, found: Sequence[Finding]) -> list[Finding]:
@@ -262,7 +270,8 @@ def _start(evidence: SeriesErrors) -> Iterator[Finding]:
                 for of_v in (False, True)
             )
             kind = "start"
-            if max(phi, rate) > max(1e-9, allowed):
+            violates = max(phi, rate) > max(1e-9, allowed)
+            if violates:
                 says = f"; it misses Φ by {phi:.1g} and Φ′ by {rate:.1g}: no motion begins there"
             elif _begins(evidence, at[0], k):
                 says = "; the motion from there is what the code computes"
@@ -270,8 +279,9 @@ def _start(evidence: SeriesErrors) -> Iterator[Finding]:
                 kind, says = "seen", ", which does not explain the rows that follow"
             text = f"the row of t = 0 has {name} off by {off.max():.2g} of the largest {part}{says}"
             yield evidence.finding(
-                kind, text, coordinate=name, off=float(off.max()), misfit=phi, rate=rate
-            )
+                kind, text, coordinate=name, off=float(off.max()), misfit=phi, rate=rate,
+                violates=violates,
+            )  # fmt: skip
             return
 
 
@@ -351,14 +361,19 @@ def _of_time(evidence: SeriesErrors, parts: Sequence[str], c: float, left: float
 
 def _mixed(evidence: SeriesErrors) -> Iterator[Finding]:
     """One run that does not lie on the line of all others."""
-    if len(evidence.runs) < 5:
+    if len(evidence.runs) < 4:
         return
     for part in ("u", "v"):
-        if not evidence.has[part] or (evidence.last(part) < 10 * evidence.floor(part)).any():
+        if not evidence.has[part]:
             continue
-        x, y = np.log(evidence.h), np.log(evidence.last(part))
-        # At the smallest h it may be rounding, where that was not measured with the method.
-        for k in range(len(x) if evidence.told.integrator else len(x) - 1):
+        clear = evidence.last(part) > 10 * evidence.floor(part)
+        if clear.sum() < 4 or not clear[: clear.sum()].all():
+            continue
+        x, y = np.log(evidence.h[clear]), np.log(evidence.last(part)[clear])
+        # At the smallest h it may be rounding, where that was not measured with the method; three
+        # others tell of the coarsest only.
+        smallest = len(x) if evidence.told.integrator and clear.all() else len(x) - 1
+        for k in range(smallest if len(x) > 4 else 1):
             rest = np.arange(len(x)) != k
             fit = np.polyfit(x[rest], y[rest], 1)
             above = float(y[k] - np.polyval(fit, x[k]))
@@ -366,8 +381,15 @@ def _mixed(evidence: SeriesErrors) -> Iterator[Finding]:
             if 0.7 < fit[0] < 6 and straight and above > 2.3:
                 h, factor = float(evidence.h[k]), math.exp(above)
                 text = f"{SYMBOLS[part]} at h = {h:g} is {factor:.2g} times what all other step "
-                text += "sizes say: that run is of other settings"
-                yield evidence.finding("mixed", text, h=h, factor=factor)
+                text += "sizes say: "
+                # A coarse run of a sound code may be too coarse.
+                coarse = k == 0
+                text += (
+                    "as that h is the coarsest, the run is left out; it is of other settings, or h "
+                    "is too coarse there, which runs between it and the next would tell"
+                    if coarse else "that run is of other settings"
+                )  # fmt: skip
+                yield evidence.finding("mixed", text, not coarse, h=h, factor=factor)
                 return
 
 
@@ -379,14 +401,27 @@ def _mechanism(
 ) -> Iterator[Finding]:
     """The one number of the file that explains u, v and λ, proved by a new solution."""
     wanted = Discrepancy(evidence, without)
-    fits = wanted.search(file)
-    good, seen = explained_by(fits), wanted.seen()
-    numbers = {fit.candidate.name: fit.change for fit in (good or fits)[:_NAMED]}
-    if not good:
-        what = "no single number of the mechanism explains it" if file else (
-            "a number of the problem differs")  # fmt: skip
-        yield evidence.finding("seen", f"{seen}; {what}", tried=numbers)
+    if not wanted.converges():
+        text = f"{wanted.seen()}; differences of successive step sizes do not fall, so that no "
+        yield evidence.finding("seen", f"{text}number is sought: Newton's iteration may end early")
         return
+    fits = wanted.search(file)
+    if good := _good(wanted, fits):
+        yield _another(evidence, wanted, good)
+        return
+    what = "no single number of the mechanism explains it" if file else (
+        "a number of the problem differs")  # fmt: skip
+    tried = {fit.candidate.name: fit.change for fit in fits[:_NAMED]}
+    yield evidence.finding("seen", f"{wanted.seen()}; {what}", tried=tried)
+
+
+def _good(wanted: Discrepancy, fits: Sequence[FittedChange]) -> list[FittedChange]:
+    """Changes that explain all, also what was not fitted."""
+    return [fit for fit in explained_by(fits) if wanted.holds(fit)]
+
+
+def _another(evidence: SeriesErrors, wanted: Discrepancy, good: Sequence[FittedChange]) -> Finding:
+    """The numbers that each explain a table."""
     names = " or ".join(fit.candidate.said(fit.change) for fit in good[:_NAMED])
     told = " and ".join(SYMBOLS[part] for part in wanted.parts)
     if len(good) == 1:
@@ -394,14 +429,17 @@ def _mechanism(
     else:
         lacks = "rows at another time" if "lambda" in wanted.parts else "λ, or rows at another time"
         says = f"each explains {told}, and the table cannot tell them apart; {lacks} would"
-    yield evidence.finding("another mechanism", f"{seen}; {names}: {says}", changes=numbers)
+    numbers = {fit.candidate.name: fit.change for fit in good[:_NAMED]}
+    return evidence.finding(
+        "another mechanism", f"{wanted.seen()}; {names}: {says}", changes=numbers
+    )
 
 
 def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Finding]:
     """λ over what u and v imply: one number, or one times a power of h, at all h and t.
 
-    One row says nothing of a λ that may alternate, and rows of one time are also explained by
-    masses and forces that do not show in u and v.
+    One row says nothing of a λ that may alternate.  A number that shows in λ only, as in a driven
+    mechanism, goes before factors of some constraints, and beside one factor of all.
     """
     hits = levels.factors(evidence)
     if not hits:
@@ -420,16 +458,21 @@ def _factor(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
         )
         yield evidence.finding("seen", text, told.integrator is None, **numbers)
         return
-    times = np.concatenate([run.t[evidence.settled(run)] for run in evidence.runs[-3:]])
-    if np.ptp(times) < 0.1 * (evidence.end - evidence.t0) and not alike and not any(powers):
-        other = [one for one in _mechanism(evidence, file) if one.name != "seen"]
-        if other:
-            yield from other
+    good: list[FittedChange] = []
+    if not any(powers) and evidence.elsewhere("lambda"):
+        wanted = Discrepancy(evidence)
+        good = _good(wanted, wanted.search(file))
+        if good and not alike:
+            yield _another(evidence, wanted, good)
             return
     why = next(filter(None, (levels.reason(evidence, *hit) for hit in hits)), "")
     why = why or "another Φ, unit or scaling of λ"
     if alike and not any(powers):
         why += ", or every mass and force is that many times the mechanism's"
+    for fit in good[:_NAMED]:
+        why += f", or {fit.candidate.said(fit.change)}"
+        numbers.setdefault("changes", {})[fit.candidate.name] = fit.change
+    why += ", which cannot be told apart, as u and v are the same" if good else ""
     text = f"λ is a constant times what u and v imply, at all h and t ({said}): {why}"
     yield evidence.finding("factor of λ", text, **numbers)
 

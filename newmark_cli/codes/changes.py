@@ -16,7 +16,7 @@ import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
-from newmark_cli.mechanisms import loading
+from newmark_cli.mechanisms import loading, tables_beside
 from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
@@ -52,6 +52,8 @@ class FileNumbers:
 
     document: Mapping[str, Any]
     make: Callable[[Mapping[str, Any]], Problem]
+    #: Forces in Python, which stay as they are; None where there are none.
+    push: Force | None = None
 
     def numbers(self) -> Iterator[Path]:
         """Paths of the numbers that are no geometry."""
@@ -86,7 +88,7 @@ class FileNumbers:
 
 
 def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
-    """The file that a problem was made of; None where there is none, or where it has code.
+    """The file that a problem was made of, with its tables; None where there is none.
 
     Args:
         problem: The problem.
@@ -94,16 +96,22 @@ def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
     """
     texts = [text for name, text in problem.sources.items() if name.endswith((".yaml", ".yml"))]
     if isinstance(given, Mapping):
-        document: Any = dict(given)
+        described = Document.of("mechanism", dict(given))
     elif len(texts) == 1:
-        document = documents.parse(texts[0].decode(), problem.name).data
+        described = documents.parse(texts[0].decode(), problem.name)
     else:
         return None
-    if not loading.is_mechanism(document) or loading.has_code(document):
+    if not loading.is_mechanism(described.data):
         return None
-    return FileNumbers(
-        document, lambda other: loading.built(problem.name, Document.of("mechanism", other))
-    )
+    document = tables_beside.filled(described, problem.sources).data
+    coded = loading.has_code(document)
+    if coded:
+        document = {key: part for key, part in document.items() if key != "python_forces"}
+
+    def make(other: Mapping[str, Any]) -> Problem:
+        return loading.built(problem.name, Document.of("mechanism", other))
+
+    return FileNumbers(document, make, _difference(problem, make(document)) if coded else None)
 
 
 def _numbers(value: Any, path: Path) -> Iterator[Path]:
@@ -120,7 +128,7 @@ def _numbers(value: Any, path: Path) -> Iterator[Path]:
         if key in _WHOLE and sum(map(bool, item)) < 2:
             continue
         if isinstance(item, int | float) and not isinstance(item, bool):
-            if item:
+            if item or path[-1:] == ("centre",):
                 yield (*path, key)
         else:
             yield from _numbers(item, (*path, key))
@@ -149,32 +157,33 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
     """What may have been changed, the numbers of the file first."""
     problem, end = evidence.problem, evidence.end
 
-    def share(
+    def lacking(
         name: str, changed: Callable[[float], dict[str, Any]], starts: Sequence[float]
     ) -> Candidate:
         """A term of which a share may be lacking: its change → what the motion has otherwise."""
         return Candidate(
-            name, lambda c, tol: Truth(problem, end, tolerance=tol, **changed(c)), _share(name),
+            name, lambda c, tol: Truth(problem, end, tolerance=tol, **changed(c)), share(name),
             starts,
         )  # fmt: skip
 
     if file is not None:
         yield from _of_file(evidence, file)
+        yield from _of_motions(evidence, file)
     for name, moment in _gyroscopic(problem, file):
-        yield share(name, partial(_against, moment), (-1.0, -2.0))
+        yield lacking(name, partial(_against, moment), (-1.0, -2.0))
     size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
-    drag = share("a drag −c v", partial(_against, lambda u, v: size * v), ())
+    drag = lacking("a drag −c v", partial(_against, lambda u, v: size * v), ())
     yield replace(drag, said=lambda c: f"a drag −c v, c = {c * size:.3g}")
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
     terms = {"κ of Gᵀa + κ = 0 (centrifugal terms)": lambda c: (1 + c, 1.0)}
     if file is not None and file.document.get("motions"):
         terms["the acceleration of the motions"] = lambda c: (1.0, 1 + c)
     for name, of in terms.items():
-        yield share(name, partial(_less_curved, of, False), (-1.0, -2.0))
+        yield lacking(name, partial(_less_curved, of, False), (-1.0, -2.0))
         if right:
-            yield share(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
+            yield lacking(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
     if evidence.start is None:
-        yield share("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
+        yield lacking("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
 
 def _against(push: Callable[[Array, Array], Array], c: float) -> dict[str, Any]:
@@ -189,16 +198,24 @@ def _less_curved(
     return {"curvature": of(c), "recovered": recovered}
 
 
-def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
-    """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
-    right, end = evidence.problem, evidence.end
+def _of_motions(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
+    """Numbers of motions, with which a mechanism also starts otherwise."""
 
     def driven(path: Path, start: Any, c: float, tolerance: float) -> Truth:
-        # What is driven otherwise starts otherwise: as its first row says, or projected.
+        # It starts as its first row says, or projected.
         moving = replace(file, document={**file.document, "project_velocities": True})
         other = moving.changed([path], lambda value: _times(value, c))
         u0, v0 = start or (None, None)
-        return Truth(other, end, u0=u0, v0=v0, tolerance=tolerance)
+        return Truth(other, evidence.end, u0=u0, v0=v0, force=file.push, tolerance=tolerance)
+
+    begins = [None] if evidence.start is None else [evidence.start, None]
+    for path, start in itertools.product(file.motions(), begins):
+        yield Candidate(joined(path), partial(driven, path, start), share(joined(path)))
+
+
+def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
+    """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
+    right, end = evidence.problem, evidence.end
 
     def moved(
         paths: Sequence[Path], change: Callable[[Any, float], Any], c: float, tolerance: float
@@ -206,23 +223,27 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         # The start is that of the right mechanism: a table may say otherwise in its first row.
         if c < -1 and paths[0][-1] in _POSITIVE:
             less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
-            return Truth(right, end, force=_of_number(right, less, c), tolerance=tolerance)
+            term = _difference(file.make(file.document), less)
+            return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
         start = other.values(right.t0, right.u0, right.v0, np.zeros(right.m))
         if np.abs(start.phi).max(initial=0.0) > _MISFIT:
             raise NoMotion("the start misses a constraint")
-        return Truth(other, end, u0=right.u0, v0=right.v0, tolerance=tolerance)
+        return Truth(other, end, u0=right.u0, v0=right.v0, force=file.push, tolerance=tolerance)
 
     def number(
         paths: Sequence[Path], change: Callable[[Any, float], Any] = _times, name: str = "",
         said: Callable[[float], str] | None = None, starts: Sequence[float] = (-1.0, -2.0),
     ) -> Candidate:  # fmt: skip
-        name = name or _name(paths[0])
-        return Candidate(name, partial(moved, paths, change), said or _share(name), starts)
+        name = name or joined(paths[0])
+        return Candidate(name, partial(moved, paths, change), said or share(name), starts)
 
     alike: dict[str, list[Path]] = {}
     for path in file.numbers():
-        key, name, value = str(path[-1]), _name(path), file.at(path)
+        key, name, value = str(path[-1]), joined(path), file.at(path)
+        if value == 0:  # a component of a centre
+            yield number([path], _plus, said=partial("{} {:+.5g} m".format, name), starts=())
+            continue
         alike.setdefault(key, []).append(path)
         inert = "mass" in path or "inertia" in path
         yield number([path], starts=(-1.0,) if inert else (-1.0, -2.0))
@@ -236,29 +257,27 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
                          (math.pi / 2, -math.pi / 2))  # fmt: skip
         if key == "frequency":
             phase = (*path[:-1], "phase")
-            said = partial("{} + {:.5g} rad".format, _name(phase))
+            said = partial("{} + {:.5g} rad".format, joined(phase))
             yield number([phase], _plus, "", said, (math.pi / 2, math.pi))
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
             yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())
-    begins = [None] if evidence.start is None else [evidence.start, None]
-    for path, start in itertools.product(file.motions(), begins):
-        yield Candidate(_name(path), partial(driven, path, start), _share(_name(path)))
     for path in file.places():
-        said = partial("{} {:+.5g} m".format, _name(path))
+        said = partial("{} {:+.5g} m".format, joined(path))
         turned = (-2 * file.at(path),) if file.at(path) else ()
         yield replace(number([path], _plus, "", said, turned), place=True)
 
 
-def _of_number(problem: Problem, less: Problem, c: float) -> Force:
-    """The force of a number that no file may turn, times c: of a law with the wrong sign."""
+def _difference(problem: Problem, less: Problem) -> Force:
+    """The force of what a problem has more than another."""
     none = np.zeros(problem.m)
     return lambda t, u, v: np.asarray(
-        c * (problem.values(float(t), u, v, none).force - less.values(float(t), u, v, none).force)
+        problem.values(float(t), u, v, none).force - less.values(float(t), u, v, none).force
     )
 
 
-def _name(path: Path) -> str:
+def joined(path: Path) -> str:
+    """Name of a number: its keys, with dots."""
     return ".".join(map(str, path))
 
 
@@ -330,7 +349,8 @@ def _moment(tensors: Array, u: Array, v: Array) -> Array:
     return pushed.ravel()
 
 
-def _share(name: str) -> Callable[[float], str]:
+def share(name: str) -> Callable[[float], str]:
+    """Share of a number by which it differs → what it is then."""
     return lambda c: (
         f"{name} left out" if abs(c + 1) < 1e-3
         else f"{name} with its sign turned" if abs(c + 2) < 1e-3
@@ -355,7 +375,7 @@ class Discrepancy:
         run = evidence.runs[-1]
         rows = evidence.looked_at(run)
         rows = rows[evidence.settled(run)[rows]] if evidence.settled(run)[rows].any() else rows
-        self.evidence = evidence
+        self.evidence, self._rows, self._without = evidence, rows, without
         self.unsure = {x: 2 * evidence.bound(x) for x in PARTS if evidence.has[x]}
         self.parts = [
             x for x in PARTS
@@ -418,7 +438,8 @@ class Discrepancy:
         fits: list[FittedChange] = []
         every = list(candidates(self.evidence, file))
         rounds = [(False, False), (False, True), (True, False)]
-        for far, place in rounds if self.largest > 0.02 else rounds[:2]:
+        moves = any(self.evidence.elsewhere(part) for part in ("u", "v"))
+        for far, place in rounds if self.largest > 0.02 and moves else rounds[: 1 + moves]:
             for candidate in (one for one in every if one.place == place):
                 starts = _SCAN if far else candidate.starts
                 near, least = 0.0, (0.6 if far else 0.3)
@@ -432,6 +453,27 @@ class Discrepancy:
             if best and best.worst < _EXPLAINS and "rest_length" not in best.candidate.name:
                 break
         return sorted(fits, key=lambda fit: fit.worst)
+
+    def converges(self) -> bool:
+        """Whether differences of successive step sizes fall, or are small against the error."""
+        return all(self.evidence.falls(part) for part in self.parts)
+
+    def holds(self, fit: FittedChange) -> bool:
+        """Whether a change is what explains the smallest h, and also λ that was not fitted.
+
+        The start of the table may explain all of it without the change.  λ may be too rough to be
+        fitted; then it must not be further from the changed mechanism's than from the right one's.
+        """
+        if self._left(self.moved(fit.candidate, 0.0))[0] < _EXPLAINS:
+            return False
+        if "lambda" in self.parts or "lambda" in self._without or not self.evidence.has["lambda"]:
+            return True
+        run, part = self.evidence.runs[-1], "lambda"
+        there = fit.candidate.of(fit.change, self.tolerance).at(run.t[self._rows])[part]
+        left = self.evidence.of(part, run.state[part][self._rows] - there)
+        now = self.evidence.error(part, -1)[self._rows]
+        allowed = max(_EXPLAINS * self.unsure[part], 1.2 * float(np.abs(now).max()))
+        return bool(np.abs(left).max() <= allowed)
 
     def seen(self) -> str:
         """That it converges elsewhere, in numbers."""

@@ -36,6 +36,9 @@ _FADED = 1e-2
 _POWERS = np.linspace(1, 5, 81)
 #: Truncation, over the size of a part, from which on nothing tells where runs converge to.
 _COARSE = 0.05
+#: Of what differences of successive step sizes fall to, and of which part of the error they may do
+#: as they like.
+_FALLS, _NEGLIGIBLE = 0.8, 2e-3
 #: Least error of λ with which it converges elsewhere by itself.
 _OF_MULTIPLIERS = 1e-5
 _EPS = float(np.finfo(float).eps)
@@ -236,15 +239,9 @@ class SeriesErrors:
         It is that of order 1, or of the order on which differences of successive step sizes agree;
         two differences, with the integrator that is named.
         """
-        ends = np.array([run.t[-1] for run in self.runs])
-        same = np.flatnonzero(np.abs(ends - ends[-1]) < 0.1 * self.h[-1])[-4:]
-        states, h = [self.runs[k].state[part][-1] for k in same], self.h[same]
-        if len(same) < 2:
+        h, gaps = self._gaps(part)
+        if not len(gaps):
             return math.inf
-        gaps = np.array([
-            np.abs(self.of(part, one - other)).max()
-            for one, other in pairwise(states)
-        ])  # fmt: skip
         left = gaps / (h[:-1] / h[1:] - 1) * h[-1] / h[1:]
         bound, floor = float(left[-2:].max()), float(self.floor(part)[-1])
         found = [order_of(h[i : i + 3], gaps[i : i + 2], gaps[i : i + 2] > 0)
@@ -256,6 +253,20 @@ class SeriesErrors:
             p = min(found) - 0.3
             bound = min(bound, 1.5 * gaps[-1] * h[-1] ** p / (h[-2] ** p - h[-1] ** p))
         return bound + floor
+
+    def _gaps(self, part: str) -> tuple[Array, Array]:
+        """Smallest step sizes with ends at one time, and differences of these ends."""
+        ends = np.array([run.t[-1] for run in self.runs])
+        same = np.flatnonzero(np.abs(ends - ends[-1]) < 0.1 * self.h[-1])[-4:]
+        states = [self.runs[k].state[part][-1] for k in same]
+        gaps = [np.abs(self.of(part, one - other)).max() for one, other in pairwise(states)]
+        return self.h[same], np.array(gaps)
+
+    def falls(self, part: str) -> bool:
+        """Whether differences of successive step sizes fall, where they are not negligible."""
+        _, gaps = self._gaps(part)
+        small = max(float(self.last(part)[-1]) * _NEGLIGIBLE, 3 * float(self.floor(part)[-1]))
+        return bool(len(gaps) < 2 or gaps[-1] < max(_FALLS * gaps[-2], small))
 
     def elsewhere(self, part: str) -> bool:
         """Whether it converges, to something that is not the solution."""

@@ -17,6 +17,9 @@ _LAST, _OF_FACTOR = 20, 8
 _FADED = 1e-3
 #: What a factor differs from 1 by, at least: λ has rounding and an order of its own.
 _NEAR_ONE = 1e-4
+#: How far an order of λ is from 1, and local ones scatter; part of h over which rates are taken,
+#: and what another time may leave.
+_OFF_ONE, _SCATTER, _APART, _LEAVES = 0.2, 0.35, 1e-2, 0.15
 #: Powers of h that a factor of λ may have.
 _POWERS = (0, 1, 2, -2, -1)
 
@@ -225,6 +228,56 @@ def factors(evidence: SeriesErrors) -> list[tuple[str, float, int]]:
                 hits.append((name, float(scaled[-1]), power))
                 break
     return hits
+
+
+def of_another_time(evidence: SeriesErrors) -> Iterator[Finding]:
+    """λ of order 1 where u and v have a higher one: its time, or that of the a it comes from.
+
+    To first order in h, λ of t − c h is off by −c h λ', and λ of M a(t − c h) = f + G λ by
+    −c h G⁺ M a'.  One c must explain all rows of three step sizes.
+    """
+    order, scatter = evidence.order("lambda")
+    others = [evidence.order(part)[0] for part in ("u", "v")]
+    if not abs(order - 1) < _OFF_ONE or scatter > _SCATTER or any(of < 1.5 for of in others):
+        return
+    found: dict[str, list[tuple[float, float]]] = {"λ": [], "a": []}
+    for k in range(len(evidence.runs) - 3, len(evidence.runs)):
+        run = evidence.runs[k]
+        rows = np.flatnonzero(evidence.settled(run))[-_LAST:]
+        t, late = run.t[rows], _APART * run.size
+        now, then = evidence.truth.at(t + late), evidence.truth.at(t - late)
+        rate = {part: (now[part] - then[part]) / (2 * late) for part in ("lambda", "a")}
+        gradients = [
+            evidence.problem.evaluate(float(time), u, v, np.zeros(evidence.problem.m)).G
+            for time, u, v in zip(t, now["u"], now["v"], strict=True)
+        ]
+        of_a = np.array([
+            np.linalg.lstsq(G, evidence.problem.M @ a, rcond=None)[0]
+            for G, a in zip(gradients, rate["a"], strict=True)
+        ])  # fmt: skip
+        off = evidence.error("lambda", k)[rows]
+        for name, slope in (("λ", rate["lambda"]), ("a", of_a)):
+            by = -run.size * evidence.of("lambda", slope)
+            c = float((by * off).sum() / max((by * by).sum(), 1e-300))
+            left = float(np.abs(off - c * by).max() / max(float(np.abs(off).max()), 1e-300))
+            found[name].append((c, left))
+    good = {
+        name: each for name, each in found.items()
+        if max(left for _, left in each) < _LEAVES and np.ptp([c for c, _ in each]) < _LEAVES / 2
+        and abs(each[-1][0]) < 1.6
+    }  # fmt: skip
+    if not good:
+        return
+    said = {"λ": "it is that of t − {:.3g} h, as methods have it that take λ within the step",
+            "a": "it is of accelerations of t − {:.3g} h, as of differences of v"}  # fmt: skip
+    texts = " or ".join(said[name].format(each[-1][0]) for name, each in good.items())
+    left = max(each[-1][1] for each in good.values())
+    text = (
+        f"λ has order {order:.2f}, where u and v have more: {texts}; at all rows {left:.1%} is left"
+    )
+    fault = "λ" not in good and evidence.told.order > 1
+    numbers = {"shift": -next(iter(good.values()))[-1][0], "left": left}
+    yield evidence.finding("late", text, fault, parts=["lambda"], **numbers)
 
 
 #: Factor of λ, power of h → what usually gives it.

@@ -26,7 +26,7 @@ _RUNS, _ROWS = 2, 8
 _TELLING, _FITS = 0.02, 0.05
 #: Part of the largest value that columns in another order are off by, at least.
 _SWAPPED = 1e-3
-#: Error of u with which λ may be looked at.
+#: Error of u with which λ may be looked at, and that of columns in another order.
 _RIGHT = 0.1
 #: Parts of the state in the order in which they are looked at, and what sentences call them.
 _WORDS = {"u": "coordinates", "v": "velocities", "lambda": "multipliers", "output": "outputs"}
@@ -145,7 +145,8 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     cost = np.abs(mine[:, :, None] - there[:, None, :]).max(axis=0) / size
     order_of, place = linear_sum_assignment(cost)
     given, best = np.diag(cost).max(), cost[order_of, place].max()
-    if known.all() and given > _SWAPPED and best < _FITS * given and (place != order_of).any():
+    better = given > _SWAPPED and best < min(_FITS * given, _RIGHT)
+    if known.all() and better and (place != order_of).any():
         order, listed = np.argsort(place), ", ".join(names[k] for k in place)
         text = f"{_WORDS[part]} are in the order {listed}"
         yield Undone(part, text, lambda x: x[:, order])
