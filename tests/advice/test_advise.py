@@ -460,7 +460,7 @@ def test_an_inverse_is_not_taken_for_a_jacobian(scaling, form, mechanism):
             newmark.advise_jacobian(np.linalg.inv(jacobian), blocks=blocks, h=h)
 
 
-@pytest.mark.usefixtures("few_draws", "of_float64")
+@pytest.mark.usefixtures("few_draws")
 def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):
     """Steps that do not converge, and formulations with a penalty, are said to have no floors."""
     coarse = newmark.advise("andrews", h=0.1, t_end=0.03, tolerance=1e-8)
