@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
-from newmark_cli.cli import main, screen
+from newmark_cli.cli import commands, main
 
 #: The console script of the environment that runs the tests.
 SCRIPT = Path(sys.executable).with_name("newmark-study")
@@ -34,7 +34,7 @@ def invoke(arguments, folder, stdout=None, stderr=None):
         warnings.catch_warnings(),
     ):
         # As `main` does in a process of its own.
-        warnings.showwarning = lambda message, *rest: screen.complain(f"warning: {message}")
+        commands.prepare()
         warnings.resetwarnings()
         for category in (DeprecationWarning, PendingDeprecationWarning, ResourceWarning):
             warnings.simplefilter("ignore", category)

@@ -121,9 +121,3 @@ def test_what_is_no_study(cli):
     cli.write("lift.yaml", LIFT.partition("\n")[2])
     assert cli("run", "lift", "h=1e-3", code=2).stderr.endswith(": study: missing\n")
     assert cli.refused("run", "h=1e-3") == "newmark-study: Missing argument 'CONFIG...'."
-
-
-def test_a_study_is_no_mechanism(cli):
-    cli.write("lift.yaml", LIFT)
-    told = "lift.yaml, line 1: is a study, not a mechanism; give its problem, pendulum, instead"
-    assert cli.refused("draw", "lift.yaml").strip() == f"newmark-study: {told}"

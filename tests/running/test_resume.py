@@ -342,18 +342,6 @@ def test_workers_end_with_their_run(cli):
     wait_until(lambda: not members())
 
 
-def test_interrupts_are_for_the_run(cli):
-    """Signals go to all processes of a terminal; the run answers, in one line."""
-    write_swings(cli, "hang")
-    run = cli.start("run", "swings.yaml", "--allow-code", "-v", start_new_session=True)
-    assert run.stderr.readline() == "1 cell, 1 at a time\n"
-    wait_until((cli.folder / "hangs").exists)
-    os.killpg(run.pid, signal.SIGTERM)
-    _, errors = run.communicate(timeout=60)
-    assert len(errors.splitlines()) == 1, errors
-    require_ended(run, signal.SIGTERM, errors, 0, 1)
-
-
 def test_a_terminal_shows_progress(cli, quick):
     """Where the cells run, and a display up to the end; nothing when all is kept, or with -q."""
 

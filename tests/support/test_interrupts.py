@@ -127,7 +127,10 @@ def test_callers_in_python_keep_their_handlers():
 
 
 def test_ignored_signals_stay_ignored(cli):
-    """Under nohup, or in the background of a script, only SIGTERM ends a run."""
+    """Under nohup, or in the background of a script, only SIGTERM ends a run.
+
+    It goes to all processes of a terminal; the run answers, in one line.
+    """
     write_swings(cli, "hang")
     ignored = (signal.SIGINT, signal.SIGHUP)
 
@@ -135,14 +138,16 @@ def test_ignored_signals_stay_ignored(cli):
         for number in ignored:
             signal.signal(number, signal.SIG_IGN)
 
-    run = cli.start("run", "swings.yaml", "--allow-code", preexec_fn=ignore)
+    run = cli.start("run", "swings.yaml", "--allow-code", preexec_fn=ignore,
+                    start_new_session=True)  # fmt: skip
     wait_until((cli.folder / "hangs").exists)
     for number in ignored:
         run.send_signal(number)
     time.sleep(0.5)
     assert run.poll() is None
-    run.send_signal(signal.SIGTERM)
+    os.killpg(run.pid, signal.SIGTERM)
     _, errors = run.communicate(timeout=60)
+    assert len(errors.splitlines()) == 1, errors
     require_ended(run, signal.SIGTERM, errors, 0, 1)
 
 
