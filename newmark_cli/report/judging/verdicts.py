@@ -104,19 +104,7 @@ def judge(evidence: Evidence) -> Judgement:
     if evidence.kind == "truncation" and _stalls(evidence, clear):
         judgement = _not_converging(evidence, clear)
     if math.isnan(evidence.expected):
-        seen, unclear = _above(evidence, _CLEAR)
-        if evidence.kind != "truncation":
-            unclear = ""
-        elif evidence.undamped and evidence.values[-1] > _SMALL:
-            unclear = joined(unclear, f"off by {evidence.values[-1]:.2g} of its size: {ALTERNATES}")
-        shown = _judged(evidence, SHOWN, seen, unclear)
-        if evidence.written:  # against any order, so that there must be one
-            straight = (of for of in _windows(seen) if _fit(evidence, of).straight)
-            if (window := next(straight, None)) is not None:
-                shown = _judged(evidence, SHOWN, window, unclear)
-            else:
-                shown = _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), unclear))
-        return judgement if judgement and not unknown else shown
+        return judgement if judgement and not unknown else _of_any_order(evidence)
     # Rounding may hide an order sooner than it can feign one.
     for share in (RULED, _CLEAR, alike):
         if passed := _passed(evidence, *_above(evidence, share)):
@@ -126,6 +114,21 @@ def judge(evidence: Evidence) -> Judgement:
         reason = joined(judgement.reason, "its rounding was not measured, which twins do")
         return Judgement(UNDECIDED, judgement.fit, judgement.fitted, reason)
     return judgement
+
+
+def _of_any_order(evidence: Evidence) -> Judgement:
+    """The judgement on a series for which no order is predicted."""
+    seen, unclear = _above(evidence, _CLEAR)
+    if evidence.kind != "truncation":
+        unclear = ""
+    elif evidence.undamped and evidence.values[-1] > _SMALL:
+        unclear = joined(unclear, f"off by {evidence.values[-1]:.2g} of its size: {ALTERNATES}")
+    if not evidence.written:
+        return _judged(evidence, SHOWN, seen, unclear)
+    for window in _windows(seen):  # held against any order, so that there must be one
+        if _fit(evidence, window).straight:
+            return _judged(evidence, SHOWN, window, unclear)
+    return _judged(evidence, UNDECIDED, seen, joined(_wanted(evidence, seen), unclear))
 
 
 def _judged(evidence: Evidence, verdict: str, fitted: Mask, reason: str = "") -> Judgement:
