@@ -297,8 +297,9 @@ _DENSE: Any = {
 _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 
 
-#: Most layouts of a figure, and from which change on (pixels) another one follows.
-_LAYOUTS, _SHIFT = 4, 0.5
+#: Most layouts of a figure, that from which on ticks of a mechanism stay, and from which change on
+#: (pixels) another one follows.
+_LAYOUTS, _STILL, _SHIFT = 5, 2, 0.5
 
 
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
@@ -308,8 +309,12 @@ def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float |
     room = np.zeros(len(grid) + 1)
     with warnings.catch_warnings():
         warnings.filterwarnings("error", message="constrained_layout not applied")
-        for _ in range(_LAYOUTS):
+        for turn in range(_LAYOUTS):
             engine.execute(drawing)
+            if turn == _STILL and sheet.panels[0].scene is not None:
+                for axes in grid:  # others, of another length, would move the axes, and so on
+                    low, high = axes.get_ylim()
+                    axes.set_yticks([y for y in axes.get_yticks() if low <= y <= high])
             boxes = [axes.get_window_extent() for axes in grid]
             tall = boxes[0].height if height else drawing.dpi * _height(grid, sheet)
             more = tall - boxes[0].height

@@ -36,6 +36,15 @@ _KEY = {
     "legend.columnspacing": 1.5,
 }
 
+#: Of names: how wide a letter is, for its size; how far they are from their place (points), and on
+#: which sides, the first ones where all are alike; and where on a body.
+_WIDE, _AWAY = 0.62, (5.0, 9.0)
+_AROUND = [math.radians(angle) for angle in (90, 0, 180, 270, 45, 135, 225, 315, 22, 158, 202, 338)]
+_SHARES = (0.5, 0.35, 0.65, 0.2, 0.8)
+#: What a later choice costs, in points of lines that a name covers; where a name hides others.
+_LATER, _GRID = 0.02, np.linspace(-1, 1, 9)
+#: A sign is as large as a small circle.
+_SIGN_AROUND = np.exp(2j * math.pi * np.arange(8) / 8)
 #: Around names, so that they can be read where lines cross them.
 _HALO = [withStroke(linewidth=1.6, foreground="white")]
 _BLUE, _RED, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -49,7 +58,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "joint to the ground": _SIGN,
     "joint that slides": {**_HOLLOW, "marker": "s"},
     "axis": {"color": _RED, "linewidth": 1.1, "zorder": 4},
-    "mass centre": {**_SIGN, "marker": "+", "color": _RED, "zorder": 6},
+    "mass centre": {**_SIGN, "marker": "+", "color": _RED, "zorder": 6, "path_effects": _HALO},
     "point": {**_SIGN, "marker": "x", "zorder": 6},
     "spring": {"color": _GREEN, "linewidth": 0.9, "zorder": 3},
     "damper": {"color": _PURPLE, "linewidth": 0.9, "zorder": 3},
@@ -57,6 +66,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "driven body": {"color": _RED, "linewidth": 3.2, "solid_capstyle": "round", "zorder": 3},
     "torque": {"color": _RED, "linewidth": 1, "zorder": 7},
     "force": {"color": _RED, "linewidth": 1, "zorder": 7},
+    "motion": {"color": "black", "linewidth": 1, "zorder": 7},
     "wheel": {"color": _BLUE, "linewidth": 0.7, "zorder": 1},
     "path": {"linewidth": 1.1, "zorder": 1},
     "body": {"color": _BLUE, "linewidth": 1.9, "solid_capstyle": "round", "zorder": 2},
@@ -181,34 +191,53 @@ def _triad(axes: Any, scene: Scene, unit: str) -> None:
 
 
 def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
-    """Write names of joints, bodies and points, each where there is most room."""
+    """Write names of joints, bodies and points, each where it covers least."""
     bold: dict[str, Any] = {"fontsize": 8, "fontweight": "bold"}
     spatial = hasattr(scene.mechanism, "joints")
-    named = [(name, ends[1], bold) for name, ends in scene.joints.items()]
-    points = [(name, at, {"fontsize": 6} if spatial else bold) for name, at in scene.points.items()]
+    joints = [(name, [ends[1]], bold) for name, ends in scene.joints.items()]
+    points = [(name, [at], {"fontsize": 6} if spatial else bold)
+              for name, at in scene.points.items()]  # fmt: skip
+    bodies: list[tuple[str, list[complex], dict[str, Any]]] = []
     for name in scene.mechanism.bodies:
-        ends = scene.ends(name)
-        place = scene.centre(name) if spatial else sum(ends) / len(ends)
-        named.append((name, place, {"fontsize": 6, "color": _BLUE}))
-    taken = [_along(mark.places, 0.02 * scene.size) for mark in seen if mark.symbol != "edge"]
-    around = np.exp(1j * np.linspace(-math.pi, math.pi, 73)[:-1])
-    for given, place, look in (*points, *named) if not spatial else (*named, *points):
+        ends, blue = scene.ends(name), {"fontsize": 6, "color": _BLUE}
+        middle = scene.centre(name) if spatial else sum(ends) / len(ends)
+        along = [ends[0] + share * (ends[1] - ends[0]) for share in _SHARES if not spatial]
+        bodies.append((name, [middle, *along], blue))
+    limits = np.array([axes.get_xlim(), axes.get_ylim()])
+    unit = _point(axes, limits)
+    lines = [_along(mark.places, 2 * unit) for mark in seen if mark.symbol != "edge"]
+    signs = [mark.places for mark in seen if len(mark.places) == 1]
+    lines += [np.add(place, 2.5 * unit * turn) for place in signs for turn in _SIGN_AROUND]
+    there, taken = np.concatenate(lines), [np.empty((0, 2))]
+    for given, places, look in (*joints, *bodies, *points) if spatial else (*points, *bodies):
         name = plain(given)
-        # Letters of the name, at each side of its place, keep away from all that is there.
-        letters = 0.003 * scene.size * look["fontsize"] * np.arange(0, len(name) or 1, 0.5)
-        begin = place + 0.035 * scene.size * around - letters[-1] * (1 - around.real) / 2
-        text = begin[:, None] + letters
-        apart = np.abs(text[:, :, None] - np.concatenate(taken)) / scene.size
-        best = int(np.argmin((1 / (apart**2 + 1e-4) ** 3).mean(axis=1).sum(axis=1)))
-        taken.append(text[best])
-        away = complex(around[best])
-        aside = "left" if away.real > 0.4 else "right" if away.real < -0.4 else "center"
-        far = 5 if aside != "center" else 8
+        half = unit * look["fontsize"] * np.array([_WIDE * len(name) / 2, 0.45])
+        centres = np.array([
+            (place.real + math.cos(angle) * (away * unit + half[0]),
+             place.imag + math.sin(angle) * (away * unit + half[1]))
+            for place in places for away in _AWAY for angle in _AROUND
+        ])  # fmt: skip
+        lines_at = np.stack([there.real, there.imag], axis=-1)
+        covered = np.all(np.abs(lines_at - centres[:, None]) < half + 1.5 * unit, axis=-1).sum(1)
+        names_at = np.concatenate(taken)
+        hidden = np.all(np.abs(names_at - centres[:, None]) < half + 2 * unit, axis=-1).sum(1)
+        outside = ((centres - half < limits[:, 0]) | (centres + half > limits[:, 1])).sum(1)
+        cost = covered + 5 * hidden + 3 * outside + _LATER * np.arange(len(centres))
+        best = int(np.argmin(cost))
+        at = centres[best]
+        taken.append(at + half * np.array([(x, y) for x in _GRID for y in (-1, 0, 1)]))
+        place = places[best // (len(_AWAY) * len(_AROUND))]
+        offset = (at - [place.real, place.imag]) / unit
         axes.annotate(
-            name, (place.real, place.imag), textcoords="offset points",
-            xytext=(far * away.real, far * away.imag), ha=aside, va="center", zorder=8,
-            path_effects=_HALO, **look,
+            name, (place.real, place.imag), textcoords="offset points", xytext=tuple(offset),
+            ha="center", va="center", zorder=8, path_effects=_HALO, **look,
         )  # fmt: skip
+
+
+def _point(axes: Any, limits: Array) -> float:
+    """About how long a point of a font (1/72 in) is in the lengths of a drawing."""
+    box, size = axes.get_position(), 72 * axes.get_figure(root=True).get_size_inches()
+    return float(max(np.ptp(limits, axis=1) / (size * [box.width, box.height])))
 
 
 def _along(places: Any, step: float) -> Array:

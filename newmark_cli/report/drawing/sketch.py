@@ -195,8 +195,9 @@ def _body(scene: Scene, name: str, body: Any) -> Iterator[Mark]:
     outline = [*ends, centre] if len(ends) == 2 and body.centre[1] != 0 else ends
     if len(outline) > 2:
         yield Mark("outline", [*outline, outline[0]])
-    driven = any(torque.on == name for torque in scene.mechanism.torques.values())
-    yield Mark("driven body" if driven else "body", ends[:2])
+    driven = {torque.on for torque in scene.mechanism.torques.values()}
+    driven |= {motion.body for motion in scene.mechanism.motions.values()}
+    yield Mark("driven body" if name in driven else "body", ends[:2])
 
 
 def _point(scene: Scene, name: str, point: Any) -> Iterator[Mark]:
@@ -345,12 +346,7 @@ def _force(scene: Scene, name: str, force: Any) -> Iterator[Mark]:
 def _torque(scene: Scene, name: str, torque: Any) -> Iterator[Mark]:
     """An arc about the first point of a body; an arrow with two heads in space."""
     if not hasattr(scene.mechanism, "joints"):
-        centre, radius = complex(scene.frames[torque.on][0]), 0.11 * scene.size
-        sign = math.copysign(1, size_of(torque.torque))
-        first, last = np.radians([20, 150][:: int(sign)])
-        yield Mark("torque", centre + radius * _circle(first, last, 40))
-        head = centre + radius * _circle(last - sign * math.radians(14), last, 2)
-        yield _arrow("torque", *head)
+        yield from _arc(scene, "torque", torque.on, size_of(torque.torque))
         return
     if isinstance(torque.torque, tuple):
         start, axes = scene.centre(torque.on), scene.frames[torque.on * (torque.frame == "body")]
@@ -364,6 +360,36 @@ def _torque(scene: Scene, name: str, torque: Any) -> Iterator[Mark]:
             yield _arrow("torque", start, start + share * scene.size * along)
 
 
+def _arc(scene: Scene, symbol: str, body: str, sign: float) -> Iterator[Mark]:
+    """An arrow about the first point of a body of the plane, counterclockwise unless negative."""
+    centre, radius = complex(scene.frames[body][0]), 0.11 * scene.size
+    first, last = math.radians(20), math.radians(150)
+    if sign < 0:
+        first, last = last, first
+    yield Mark(symbol, centre + radius * _circle(first, last, 40))
+    back = math.copysign(math.radians(14), last - first)
+    yield _arrow(symbol, *(centre + radius * _circle(last - back, last, 2)))
+
+
+def _motion(scene: Scene, name: str, motion: Any) -> Iterator[Mark]:
+    """An arrow in the direction in which a driven coordinate grows."""
+    mechanism, ground = scene.mechanism, scene.frames[""][1:] / scene.factor
+    if motion.point is not None:
+        directions = zip((motion.x, motion.y, getattr(motion, "z", None)), ground, strict=False)
+        ways = [(scene.points[motion.point], along) for law, along in directions if law]
+    elif hasattr(mechanism, "joints"):
+        ways = [(scene.joints[motion.joint][0], scene.axes[motion.joint][0])]
+    elif motion.body is not None:
+        yield from _arc(scene, "motion", motion.body, 1.0)
+        return
+    else:
+        slider = mechanism.sliders[motion.slider]
+        along = complex(*slider.direction) / abs(complex(*slider.direction))
+        ways = [(scene.points[slider.point], along * scene.along(slider.on))]
+    for start, along in ways:
+        yield _arrow("motion", start, start + 0.15 * scene.size * along)
+
+
 #: Key of a mechanism → (scene, name, what the file says) → what one looks like.
 SKETCHES: Mapping[str, Callable[[Scene, str, Any], Iterator[Mark]]] = MappingProxyType(
     {
@@ -374,6 +400,7 @@ SKETCHES: Mapping[str, Callable[[Scene, str, Any], Iterator[Mark]]] = MappingPro
         "dampers": _damper,
         "joints": _joint,
         "torques": _torque,
+        "motions": _motion,
         "forces": _force,
         "torsion_springs": _spiral,
         "torsion_dampers": partial(_spiral, damps=True),
