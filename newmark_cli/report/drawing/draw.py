@@ -18,7 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, plain
 from newmark_cli.report.drawing.style import NONE, checked, settled
@@ -300,6 +300,8 @@ _BLANK = mpl.lines.Line2D([], [], linestyle="none")
 #: Most layouts of a figure, that from which on ticks of a mechanism stay, and from which change on
 #: (pixels) another one follows.
 _LAYOUTS, _STILL, _SHIFT = 5, 2, 0.5
+#: Between ticks of a mechanism (inch), about.
+_TICKS = 0.3
 
 
 def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float | None) -> None:
@@ -313,8 +315,11 @@ def _lay_out(drawing: Figure, grid: Sequence[Any], sheet: Sheet, height: float |
             engine.execute(drawing)
             if turn == _STILL and sheet.panels[0].scene is not None:
                 for axes in grid:  # others, of another length, would move the axes, and so on
+                    axes.apply_aspect()
                     low, high = axes.get_ylim()
-                    axes.set_yticks([y for y in axes.get_yticks() if low <= y <= high])
+                    most = int(axes.get_window_extent().height / drawing.dpi / _TICKS)
+                    ticks = MaxNLocator(min(max(most, 2), 9), steps=[1, 2, 5, 10])
+                    axes.set_yticks([y for y in ticks.tick_values(low, high) if low <= y <= high])
             boxes = [axes.get_window_extent() for axes in grid]
             tall = boxes[0].height if height else drawing.dpi * _height(grid, sheet)
             more = tall - boxes[0].height

@@ -60,7 +60,6 @@ def trace(slope: Slope, label: str, look: Look, name: str, **overrides: Any) -> 
         "bars": None if slope.record.kind == "rounding" else slope.rounding[order],
         "said": in_words(name, slope),
     }
-    label = label if slope.unique else f"{label} (not unique)"
     return Trace(label, **{"look": look, **parts, **overrides})
 
 
@@ -80,10 +79,14 @@ def panel(
     else:
         limits = spread(values)
     several = len({slope.quantity for slope in slopes}) > 1
+    label = value_text("measure", slopes[0].measure) if several else record.label(slopes[0].key)
+    unique = [slope.unique for slope in slopes]
+    if not all(unique):
+        label += " (some not unique)" if any(unique) else " (not unique)"
     return Panel(
         tuple(traces),
         step_label(slopes[0].problem),
-        value_text("measure", slopes[0].measure) if several else record.label(slopes[0].key),
+        label,
         titles,
         y_scale="linear" if record.linear else "log",
         y_limits=limits,
