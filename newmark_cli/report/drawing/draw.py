@@ -86,6 +86,9 @@ def drawn(
             raise InputError(message) from None
         for axes, panel in zip(grid, sheet.panels, strict=True):
             _write_orders(axes, panel)
+            if panel.names:
+                axes.apply_aspect()
+                panel.names(axes)
             for axis, scale in ((axes.xaxis, panel.x_scale), (axes.yaxis, panel.y_scale)):
                 if scale == "log" and sheet.minor_ticks and not panel.empty:
                     axis.set_minor_locator(LogLocator(subs=None))

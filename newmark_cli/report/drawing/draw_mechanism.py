@@ -115,7 +115,10 @@ def mechanism_sheet(
     labelled = len(problem.points) <= _MOST_LABELS[is_spatial(problem)]
     scene = partial(draw_mechanism, problem=problem, u=u, labelled=labelled, paths=paths)
     labels = _axis_labels(problem)
-    panel = Panel((), *labels, x_scale="linear", y_scale="linear", scene=scene)
+    panel = Panel(
+        (), *labels, x_scale="linear", y_scale="linear", scene=scene,
+        names=partial(_write_names, problem=problem, u=u) if labelled else None,
+    )  # fmt: skip
     return Sheet(title, (panel,), grid=False, settings={**_WITHOUT_TICKS, **_KEY})
 
 
@@ -152,7 +155,6 @@ def draw_mechanism(
         return key
     if is_spatial(problem):
         _triad(axes, here, unit)
-    _names(axes, here, seen)
     symbols = {mark.symbol for mark in seen}
     return [Line2D([], [], label=name, **_LOOKS[name]) for name in _IN_KEY if name in symbols] + key
 
@@ -190,22 +192,26 @@ def _triad(axes: Any, scene: Scene, unit: str) -> None:
     axes.text(below.real, below.imag, f"{length:g} {unit}", fontsize=6, va="top", **look)
 
 
-def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
+def _write_names(axes: Any, problem: Problem, u: Array) -> None:
     """Write names of joints, bodies and points, each where it covers least."""
+    here = scene(problem, u, _length_unit(problem)[0])
     bold: dict[str, Any] = {"fontsize": 8, "fontweight": "bold"}
-    spatial = hasattr(scene.mechanism, "joints")
-    joints = [(name, [ends[1]], bold) for name, ends in scene.joints.items()]
+    spatial = hasattr(here.mechanism, "joints")
+    joints = [(name, [ends[1]], bold) for name, ends in here.joints.items()]
     points = [(name, [at], {"fontsize": 6} if spatial else bold)
-              for name, at in scene.points.items()]  # fmt: skip
+              for name, at in here.points.items()]  # fmt: skip
     bodies: list[tuple[str, list[complex], dict[str, Any]]] = []
-    for name in scene.mechanism.bodies:
-        ends, blue = scene.ends(name), {"fontsize": 6, "color": _BLUE}
-        middle = scene.centre(name) if spatial else sum(ends) / len(ends)
+    for name in here.mechanism.bodies:
+        ends, blue = here.ends(name), {"fontsize": 6, "color": _BLUE}
+        middle = here.centre(name) if spatial else sum(ends) / len(ends)
         along = [ends[0] + share * (ends[1] - ends[0]) for share in _SHARES if not spatial]
         bodies.append((name, [middle, *along], blue))
     limits = np.array([axes.get_xlim(), axes.get_ylim()])
-    unit = _point(axes, limits)
-    lines = [_along(mark.places, 2 * unit) for mark in seen if mark.symbol != "edge"]
+    # How long a point of a font (1/72 in) is in the lengths of a drawing.
+    inches = axes.get_window_extent().width / axes.get_figure(root=True).dpi
+    unit = float(np.ptp(limits[0])) / (72 * inches)
+    seen = [mark for mark in marks(here) if mark.symbol != "edge"]
+    lines = [_along(mark.places, 2 * unit) for mark in seen]
     signs = [mark.places for mark in seen if len(mark.places) == 1]
     lines += [np.add(place, 2.5 * unit * turn) for place in signs for turn in _SIGN_AROUND]
     there, taken = np.concatenate(lines), [np.empty((0, 2))]
@@ -232,12 +238,6 @@ def _names(axes: Any, scene: Scene, seen: Sequence[Mark]) -> None:
             name, (place.real, place.imag), textcoords="offset points", xytext=tuple(offset),
             ha="center", va="center", zorder=8, path_effects=_HALO, **look,
         )  # fmt: skip
-
-
-def _point(axes: Any, limits: Array) -> float:
-    """About how long a point of a font (1/72 in) is in the lengths of a drawing."""
-    box, size = axes.get_position(), 72 * axes.get_figure(root=True).get_size_inches()
-    return float(max(np.ptp(limits, axis=1) / (size * [box.width, box.height])))
 
 
 def _along(places: Any, step: float) -> Array:

@@ -164,6 +164,8 @@ class Panel:
     #: Draws what is not made of traces into matplotlib's axes, which then have equal units, and
     #: returns handles for the legend.
     scene: Callable[[Any], Sequence[Any]] | None = None
+    #: Writes names into a scene of which the layout is known.
+    names: Callable[[Any], None] | None = None
 
     @property
     def title(self) -> str:
