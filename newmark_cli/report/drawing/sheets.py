@@ -162,9 +162,11 @@ def _orders(figure: Figure, results: Results) -> Sheet:
         own = [series[curve.key] for curve in part.curves]
         alike = [slope for slope in series.values() if _same(slope) in set(map(_same, own))]
         fits = len(figure.parts) == 1 or len(own) <= _MOST_FITS
-        drawn = []
+        drawn, some = [], any(slope.unique for slope in own)
         for curve, slope in zip(part.curves, own, strict=True):
             attributes = dict(looks[part, curve.label])
+            if some and not slope.unique:
+                attributes["label"] += traces.NOT_UNIQUE
             if cost:
                 work = spent[curve.key]
                 said = f"{quantity(slope)}, {attributes['name']}: {ends(slope, work, cost)}"

@@ -39,6 +39,10 @@ def _judged(slope: Slope) -> bool:
     return slope.verdict in (PASS, MISS) and not math.isnan(slope.expected + slope.fit.slope)
 
 
+#: What labels say of reactions that redundant constraints share.
+NOT_UNIQUE = " (not unique)"
+
+
 def ruled(slope: Slope) -> Mask:
     """(points,) which points rounding rules: where it is half of a value, and at smaller h."""
     if slope.record.kind == "rounding":
@@ -80,9 +84,8 @@ def panel(
         limits = spread(values)
     several = len({slope.quantity for slope in slopes}) > 1
     label = value_text("measure", slopes[0].measure) if several else record.label(slopes[0].key)
-    unique = [slope.unique for slope in slopes]
-    if not all(unique):
-        label += " (some not unique)" if any(unique) else " (not unique)"
+    if not any(slope.unique for slope in slopes):
+        label += NOT_UNIQUE
     return Panel(
         tuple(traces),
         step_label(slopes[0].problem),
