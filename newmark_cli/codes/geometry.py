@@ -34,9 +34,10 @@ _LEAST, _ALIKE = 1e-8, 2.0
 _LEAVES, _RIVALS = 1e-3, 30.0
 #: How much larger than the smallest change another one is that nobody makes.
 _LARGER = 8.0
-#: Corrections of a number, its largest change in one of them, a small one, and the step of
-#: differences.
-_CORRECTIONS, _MOST, _SMALL, _STEP = 12, 0.6, 0.05, 1e-6
+#: Corrections of a number, its largest change in one of them, a small one, and one that is none.
+_CORRECTIONS, _MOST, _SMALL, _MET = 12, 0.6, 0.05, 1e-9
+#: Step of differences, and a slope of a number that no constraint has.
+_STEP, _NO_SLOPE = 1e-6, 1e-9
 #: Numbers that a sentence names.
 _NAMED = 4
 
@@ -144,25 +145,26 @@ class _Misfits:
                 left = float(np.abs(here).max())
                 if left < best[0]:
                     best = left, c
-                steps = _STEP * np.eye(len(c))
-                there = [self.of(number, c + step) for step in steps]
-                if any(of is None for of in there):
+                change = self._correction(number, c, here)
+                if change is None:
                     break
-                slopes = np.array([(of - here) / _STEP for of in there if of is not None]).T
-                if np.abs(slopes).max() < 1e-9:
-                    break
-                change = np.linalg.lstsq(slopes, -here, rcond=1e-8)[0]
-                if (
-                    np.abs(change).max() < _SMALL
-                    and np.abs(here + slopes @ change).max() > left / 2
-                ):
-                    break  # a small change, for which the slope tells all
-                if np.abs(change).max() < 1e-9:
-                    break
-                c = c + change * min(1.0, _MOST / float(np.abs(change).max()))
+                c = c + change
             if best[0] < _LEAVES * self.largest:
                 break
         return best
+
+    def _correction(self, number: _Number, c: Array, here: Array) -> Array | None:
+        """By how much a number is changed next; None where its slope tells that it is not it."""
+        there = [self.of(number, c + step) for step in _STEP * np.eye(len(c))]
+        slopes = np.array([(of - here) / _STEP for of in there if of is not None]).T
+        if slopes.shape[-1] < len(c) or np.abs(slopes).max() < _NO_SLOPE:
+            return None
+        change = np.linalg.lstsq(slopes, -here, rcond=1e-8)[0]
+        size = float(np.abs(change).max())
+        stays = size < _SMALL and np.abs(here + slopes @ change).max() > np.abs(here).max() / 2
+        if stays or size < _MET:
+            return None
+        return np.asarray(change * min(1.0, _MOST / size))
 
 
 def _numbers(file: FileNumbers) -> Iterator[_Number]:
@@ -257,5 +259,5 @@ def _said_turned(name: str, direction: Sequence[float], angles: Array) -> str:
     if len(direction) == 2:
         return f"{name} turned by {math.degrees(float(angles[0])):.4g}°"
     there = np.array(_turned(direction, angles)) / float(np.linalg.norm(direction))
-    to = ", ".join(f"{round(float(x), 5):g}" for x in there)
+    to = ", ".join(f"{round(float(x), 5) + 0.0:g}" for x in there)
     return f"{name} tilted by {math.degrees(float(np.linalg.norm(angles))):.4g}°, to [{to}]"

@@ -131,6 +131,24 @@ def test_a_motion_driven_otherwise_is_no_other_start(key, value, name, change):
     assert fault.evidence["changes"] == {name: pytest.approx(change, rel=1e-3)}
 
 
+def test_a_ratio_of_gears_is_no_other_start():
+    def geared(ratio):
+        return {
+            "points": {"O": {"fixed": [0, 0]}, "C": {"fixed": [0.3, 0]}, "B": {"at": [0.45, 0]},
+                       "A": {"at": [0.1, 0.0], "mass": 0.3, "velocity": [0, 0.4]}},
+            "bodies": {"pinion": {"from": "O", "to": "A", "length": 0.1, "mass": 0.5,
+                                  "inertia": 0.002},
+                       "wheel": {"from": "C", "to": "B", "length": 0.15, "mass": 0.9,
+                                 "inertia": 0.01}},
+            "gears": {"mesh": {"from": "pinion", "to": "wheel", "ratio": ratio}},
+            "gravity": [0, -9.81],
+            "project_velocities": True,
+        }  # fmt: skip
+
+    (fault,) = judged(cart(geared(-0.55)), geared(-0.5), **BDF2).faults
+    assert fault.evidence["changes"] == {"gears.mesh.ratio": pytest.approx(0.1, rel=1e-6)}
+
+
 def test_a_mass_that_only_multipliers_feel_is_no_factor_of_them():
     """Of a driven mechanism without a degree of freedom: a mass scales some λ, and not all."""
     slide = {**DRIVEN, "sliders": {"guide": {"point": "B", "through": [0, 0.1],
