@@ -226,8 +226,7 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             term = _difference(file.make(file.document), less)
             return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
-        start = other.values(right.t0, right.u0, right.v0, np.zeros(right.m))
-        if np.abs(start.phi).max(initial=0.0) > _MISFIT:
+        if np.abs(other.constraint_values(right.t0, right.u0)).max(initial=0.0) > _MISFIT:
             raise NoMotion("the start misses a constraint")
         return Truth(other, end, u0=right.u0, v0=right.v0, force=file.push, tolerance=tolerance)
 
@@ -270,9 +269,8 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
 
 def _difference(problem: Problem, less: Problem) -> Force:
     """The force of what a problem has more than another."""
-    none = np.zeros(problem.m)
     return lambda t, u, v: np.asarray(
-        problem.values(float(t), u, v, none).force - less.values(float(t), u, v, none).force
+        problem.free_values(t, u, v).force - less.free_values(t, u, v).force
     )
 
 

@@ -299,15 +299,16 @@ class SeriesErrors:
 
         |G_k| may change along the motion, and another length is missed by the same Φ_k.
         """
-        of, missed, G = self.runs[run], [], np.zeros((self.problem.n, self.problem.m))
+        of, problem, missed = self.runs[run], self.problem, []
         for t, u, v in zip(of.t, of.state["u"], of.state["v"], strict=True):
-            x = self.problem.evaluate(float(t), u, np.nan_to_num(v), np.zeros(self.problem.m))
-            value, G = x.phi, x.G
             if rate:
-                value = G.T @ v + self.problem.constraint_derivatives(float(t), u, v)[0]
-            missed.append(value)
+                begun = problem.constraint_derivatives(t, u, v)[0]
+                missed.append(problem.gradient(t, u).T @ v + begun)
+            else:
+                missed.append(problem.constraint_values(t, u))
+        G = problem.gradient(of.t[-1], of.state["u"][-1])
         size = self.scale["v" if rate else "u"] * np.maximum(np.linalg.norm(G, axis=0), 1e-300)
-        return np.asarray(np.array(missed).reshape(-1, self.problem.m) / size)
+        return np.asarray(np.array(missed).reshape(-1, problem.m) / size)
 
     def implied(self, run: int) -> Array:
         """(rows, m) λ that u and v imply."""

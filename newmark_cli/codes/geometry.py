@@ -100,10 +100,7 @@ class _Misfits:
             [(float(run.t[k]), run.state["u"][k]) for k in evidence.looked_at(run)]
             for run in evidence.runs[-2:]
         ]
-        none = np.zeros(self.problem.n)
-        t, u = self._rows[-1][-1]
-        gradient = self.problem.evaluate(t, u, none, np.zeros(self.problem.m)).G
-        largest = np.linalg.norm(gradient, axis=0)
+        largest = np.linalg.norm(self.problem.gradient(*self._rows[-1][-1]), axis=0)
         self._unit = evidence.scale["u"] * np.maximum(largest, 1e-3 * largest.max())
         self.least = max(10 * evidence.resolution["u"], 1e-12)
         missed = [np.abs(self._missed(self.problem, rows)) for rows in self._rows]
@@ -121,8 +118,7 @@ class _Misfits:
             return None
 
     def _missed(self, problem: Problem, rows: Sequence[tuple[float, Array]]) -> Array:
-        none, forces = np.zeros(problem.n), np.zeros(problem.m)
-        phi = np.array([problem.values(t, u, none, forces).phi for t, u in rows])
+        phi = np.array([problem.constraint_values(t, u) for t, u in rows])
         return np.asarray(phi / self._unit)
 
     def of(self, number: _Number, c: Array) -> Array | None:

@@ -248,8 +248,7 @@ def of_another_time(evidence: SeriesErrors) -> Iterator[Finding]:
         now, then = evidence.truth.at(t + late), evidence.truth.at(t - late)
         rate = {part: (now[part] - then[part]) / (2 * late) for part in ("lambda", "a")}
         gradients = [
-            evidence.problem.evaluate(float(time), u, v, np.zeros(evidence.problem.m)).G
-            for time, u, v in zip(t, now["u"], now["v"], strict=True)
+            evidence.problem.gradient(time, u) for time, u in zip(t, now["u"], strict=True)
         ]
         of_a = np.array([
             np.linalg.lstsq(G, evidence.problem.M @ a, rcond=None)[0]
@@ -306,7 +305,7 @@ def reason(evidence: SeriesErrors, name: str, factor: float, power: int) -> str:
 def _gradient(evidence: SeriesErrors, k: int) -> tuple[float, float]:
     """|G_k| at the end of the motion, and that of its point with the largest: Δ of a bar."""
     problem, u = evidence.problem, evidence.reference[-1]["u"][-1]
-    G = problem.evaluate(evidence.end, u, np.zeros(problem.n), np.zeros(problem.m)).G[:, k]
+    G = problem.gradient(evidence.end, u)[:, k]
     points = [name.rpartition(".")[0] for name in problem.coordinate_names]
     squares = {point: sum(g * g for g, of in zip(G, points, strict=True) if of == point)
                for point in points}  # fmt: skip

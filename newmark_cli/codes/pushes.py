@@ -132,12 +132,11 @@ def _same(one: _Tried, other: _Tried) -> bool:
 
 def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
     """Name → (k, n) force over h, at the times of a grid."""
-    problem, none = evidence.problem, np.zeros(evidence.problem.m)
-    way = evidence.truth.at(grid)
+    problem, way = evidence.problem, evidence.truth.at(grid)
     late = _APART * (evidence.end - evidence.t0)
 
     def pure(t: float, u: Array, v: Array) -> Array:
-        return problem.values(float(t), u, v, none).force
+        return problem.free_values(t, u, v).force
 
     rows = [*zip(grid, way["u"], way["v"], way["a"], strict=True)]
     now = np.array([pure(t, u, v) for t, u, v, _ in rows])
@@ -152,7 +151,7 @@ def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
     # Of one part alone the whole is the same.
     whole = sum(pushes.values(), start=np.zeros_like(now))
     pushes = (pushes if len(pushes) != 1 else {}) | {"old force": whole}
-    gradients = np.array([problem.evaluate(float(t), u, v, none).G for t, u, v, _ in rows])
+    gradients = np.array([problem.gradient(t, u) for t, u, *_ in rows])
     turning = np.gradient(gradients, grid, axis=0)
     pushes["old force/G"] = -np.einsum("tnm,tm->tn", turning, way["lambda"])
     pushes["old force/both"] = whole + pushes["old force/G"]

@@ -88,7 +88,7 @@ class Truth:
     def solved(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """Accelerations (n,) and λ (m,) of a state."""
         problem, n, m = self.problem, self.problem.n, self.problem.m
-        values = problem.values(float(t), u, v, np.zeros(m))
+        values = problem.free_values(t, u, v)
         force = values.force if self._force is None else values.force + self._force(t, u, v)
         gradient = np.bincount(self._places, values.g, minlength=n * m).reshape(n, m)
         matrix = self._matrix.copy()

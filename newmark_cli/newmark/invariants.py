@@ -71,7 +71,7 @@ def misfits(problem: Problem, t: float, u: Array, v: Array) -> dict[str, Misfit]
     in units of relative rounding.  NaN where the state is not finite.
     """
     with np.errstate(all="ignore"):
-        values = problem.values(t, u, v, np.zeros(problem.m))
+        values = problem.free_values(t, u, v)
         gradient = scipy.sparse.csc_array(
             (values.g, (problem.pattern.g_rows, problem.pattern.g_columns)),
             shape=(problem.n, problem.m),

@@ -65,13 +65,12 @@ class Index1:
             places, self._slots = np.unique(columns * self._size + rows, return_inverse=True)
             self._rows, self._columns = places % self._size, places // self._size
             self._starts = np.searchsorted(self._columns, np.arange(self._size + 1))
-        self._none = np.zeros(problem.m)
         self._zeros = np.zeros(n)
 
     def accelerations(self, t: float, u: Array, v: Array) -> tuple[Array, Array]:
         """Accelerations (n,) and λ (m,) that follow from t, u, v; NaN where f, G or Φ overflow."""
         n = self.problem.n
-        values = self.problem.values(t, u, v, self._none)
+        values = self.problem.free_values(t, u, v)
         _, curvature = self.problem.constraint_derivatives(t, u, v)
         solution = self.solution(values.g, np.concatenate([values.force, -curvature]))
         return solution[:n], solution[n:]
@@ -88,12 +87,12 @@ class Index1:
         One step of Newton's method for the positions: the rest is of the order of
         the square of the distance.
         """
-        u = u + self.least_change(t, u, -self.problem.values(t, u, v, self._none).phi)[0]
+        u = u + self.least_change(t, u, -self.problem.constraint_values(t, u))[0]
         return u, v + self.least_change(t, u, -self.rate(t, u, v))[0]
 
     def rate(self, t: float, u: Array, v: Array) -> Array:
         """(m,) Φ' = Gᵀv + Φ_t at a time (s) and (n,) coordinates and velocities."""
-        values = self.problem.values(t, u, v, self._none)
+        values = self.problem.free_values(t, u, v)
         rate, _ = self.problem.constraint_derivatives(t, u, v)
         return self.problem.along(values.g, v) + rate
 
@@ -107,7 +106,7 @@ class Index1:
         What is returned takes (m, k) for k changes, too, and gives (n, k) and (m, k).
         """
         n = self.problem.n
-        solve = self._solver(self.problem.values(t, u, self._zeros, self._none).g)
+        solve = self._solver(self.problem.free_values(t, u, self._zeros).g)
 
         def change(wanted: Array) -> tuple[Array, Array]:
             solution = solve(np.concatenate([np.zeros((n, *wanted.shape[1:])), wanted]))
@@ -125,7 +124,7 @@ class Index1:
         n, pattern = self.problem.n, self.problem.pattern
         w, least = u.copy(), np.inf
         for _ in range(most):
-            values = self.problem.values(t, w, self._zeros, self._none)
+            values = self.problem.free_values(t, w, self._zeros)
             away = (self._mass * (u - w)[pattern.mass_columns]).astype(float)
             pull = np.bincount(pattern.mass_rows, away, minlength=n)
             change = self._solver(values.g)(np.concatenate([pull, -values.phi]))[:n]

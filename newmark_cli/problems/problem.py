@@ -138,6 +138,8 @@ class Problem:
         compiled: Whether ``function`` is compiled, as the kernel needs it.
         quadratic: Whether Φ is at most quadratic in u and does not depend on time,
             so that its increments are exact; see `newmark_cli.newmark.scheme`.
+        known_tangents: How many entries of X and Y ``function`` must have room for: those behind
+            them are found by differences, unless there is no room; None where all are known.
         single: Whether ``function`` keeps to float32 where it is handed float32.
         potential: ``(t, u, v, ints, reals)`` → what the kinetic energy lacks to the
             total one (J), up to a constant; None where no energy is conserved.
@@ -183,6 +185,7 @@ class Problem:
     axes: str = "xy"
     compiled: bool = True
     quadratic: bool = False
+    known_tangents: tuple[int, int] | None = None
     single: bool = False
     potential: Callable[..., float] | None = None
     code: str = ""
@@ -254,11 +257,20 @@ class Problem:
 
         Computed in one type of numbers.
         """
-        pattern = self.pattern
-        entries = (pattern.x_rows, pattern.y_rows, pattern.g_rows)
-        values = Values(*(np.empty(size, dtype) for size in (self.n, self.m, *map(len, entries))))
-        reals = self.reals.astype(dtype, copy=False)
-        self.function(*_plain(dtype, t, u, v, multipliers), self.ints, reals, *values)
+        of_xy = len(self.pattern.x_rows), len(self.pattern.y_rows)
+        return self._evaluated(_plain(dtype, t, u, v, multipliers), dtype, of_xy)
+
+    def free_values(self, t: float, u: Array, v: Array) -> Values:
+        """The same at λ = 0 without what differences give of X and Y, which takes long."""
+        of_xy = self.known_tangents or (len(self.pattern.x_rows), len(self.pattern.y_rows))
+        return self._evaluated(_plain(np.float64, t, u, v, np.zeros(self.m)), np.float64, of_xy)
+
+    def _evaluated(
+        self, state: tuple[Any, ...], dtype: type[Any], of_xy: tuple[int, int]
+    ) -> Values:
+        sizes = self.n, self.m, *of_xy, len(self.pattern.g_rows)
+        values = Values(*(np.empty(size, dtype) for size in sizes))
+        self.function(*state, self.ints, self.reals.astype(dtype, copy=False), *values)
         return values
 
     def dense(self, values: Values) -> Terms:
@@ -300,7 +312,12 @@ class Problem:
 
     def constraint_values(self, t: float, u: Array) -> Array:
         """(m,) Φ."""
-        return self.values(t, u, np.zeros(self.n), np.zeros(self.m)).phi
+        return self.free_values(t, u, np.zeros(self.n)).phi
+
+    def gradient(self, t: float, u: Array) -> Array:
+        """(n, m) G."""
+        g = self.free_values(t, u, np.zeros(self.n)).g
+        return dense_matrix(self.pattern.g_rows, self.pattern.g_columns, g, (self.n, self.m))
 
     def energies(self, t: float, u: Array, v: Array) -> tuple[float, float] | None:
         """Kinetic and potential energy (J), the second up to a constant.

@@ -253,6 +253,7 @@ def from_definition(definition: Any, name: str, source: str = "problem") -> Prob
         pattern=Pattern(*places, *places, *places, *of_g),
         mass_values=np.ascontiguousarray(mass_matrix).ravel(),
         compiled=compiled,
+        known_tangents=None if all(key in used for key in _TANGENTS) else (0, 0),
         quadratic=quadratic,
         potential=_potential(used.get("energy"), mass_matrix),
         coordinates_given=_names(definition, "coordinate_names", n, source),
@@ -313,8 +314,9 @@ def _evaluate(functions: Mapping[str, Any], compile_: differences.Compiler) -> C
     def evaluate(  # type: ignore[no-untyped-def]
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
+        wanted = len(x_values) > 0
         us, vs, step, pace, forces, gradients = differences.states_of_tangents(
-            u, v, multipliers, of_u, of_v
+            u, v, multipliers, of_u and wanted, of_v and wanted
         )
         for k in range(us.shape[0]):
             copy(force_of(us[k], vs[k], t), forces[k])
@@ -324,9 +326,10 @@ def _evaluate(functions: Mapping[str, Any], compile_: differences.Compiler) -> C
         differences.add_reactions(forces, gradients, multipliers)
         differences.copy(forces[0], force)
         differences.copy(gradients[0], g_values)
-        differences.take_tangents(forces, of_u, of_v, step, pace, x_values, y_values)
-        give_x(u, v, multipliers, t, x_values)
-        give_y(u, v, multipliers, t, y_values)
+        if wanted:
+            differences.take_tangents(forces, of_u, of_v, step, pace, x_values, y_values)
+            give_x(u, v, multipliers, t, x_values)
+            give_y(u, v, multipliers, t, y_values)
 
     return compile_(evaluate)
 
@@ -485,8 +488,9 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
         t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values
     ):
         before(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
+        wanted = len(x_values) > first_x
         step, pace = differences.steps_of_tangents(u, v)
-        us, vs = differences.states_around(u[own], v[own], True, True, step, pace)
+        us, vs = differences.states_around(u[own], v[own], wanted, wanted, step, pace)
         forces, loads = np.zeros(us.shape), np.empty((len(offsets) // 2, 2))
         for k in range(us.shape[0]):
             places = _places(us[k], weights, offsets)
@@ -494,7 +498,7 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
             _add(loads, weights, forces[k])
         force[own] += forces[0]
         differences.take_tangents(
-            forces, True, True, step, pace, x_values[first_x:], y_values[first_y:]
+            forces, wanted, wanted, step, pace, x_values[first_x:], y_values[first_y:]
         )
 
     rows, columns = (own[index.ravel()] for index in np.indices((len(own), len(own))))
@@ -508,6 +512,7 @@ def _with(problem: Problem, push: Push, function: Callable[..., Any]) -> Problem
             y_columns=np.concatenate([pattern.y_columns, columns]),
         ),
         compiled=compiled,
+        known_tangents=problem.known_tangents or (first_x, first_y),
         single=False,
         potential=None,
     )
