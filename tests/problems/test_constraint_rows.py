@@ -191,3 +191,24 @@ def test_projections_solve_the_bordered_system(of_chain):
     # Φ is quadratic in what is left of the distance.
     left = subject.constraint_values(t, u + found[:n])
     assert np.abs(left).max() < 1e-2 * np.abs(terms.phi).max()
+
+
+def test_values_without_tangents_take_no_differences():
+    """The same bits from one call of each function."""
+    calls = []
+
+    def counted(function):
+        def called(*arguments):
+            calls.append(function.__name__)
+            return function(*arguments)
+
+        return called
+
+    subject = newmark.problem(newmark.Definition(**wavy_definition(counted)))
+    u, v = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.5, -0.4])
+    whole = subject.values(0.3, u, v, np.zeros(1))
+    calls.clear()
+    free = subject.free_values(0.3, u, v)
+    assert sorted(calls) == ["constraints", "force", "gradient"]
+    for name in ("force", "phi", "g"):
+        assert np.array_equal(getattr(free, name), getattr(whole, name))
