@@ -171,10 +171,11 @@ def test_the_handle_of_hollow_points_is_hollow():
 
 
 def test_a_panel_without_a_value():
-    """Zeros only: said, nothing drawn, no tick that would mean nothing."""
-    drawing = draw.drawn(Sheet("", (Panel((Trace("z", H[:1], np.zeros(1), look(0)),)),)))
+    """Zeros only: said, nothing drawn but where it would be, no tick that would mean nothing."""
+    drawing = draw.drawn(Sheet("", (Panel((Trace("z", H, np.zeros(4), look(0)),)),)))
     (axes,) = drawing.axes
-    assert [text.get_text() for text in axes.texts] == ["1 value is exactly 0"]
+    assert [text.get_text() for text in axes.texts] == ["4 values are exactly 0"]
+    assert H.min() / 2 < axes.get_xlim()[0] < H.min() < H.max() < axes.get_xlim()[1] < 2 * H.max()
     assert len(axes.get_yticks()) == len(axes.get_yticks(minor=True)) == 0
     assert texts(drawing.legends[0]) == ["z"]
 

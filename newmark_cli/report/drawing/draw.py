@@ -147,6 +147,9 @@ def _draw(axes: Any, panel: Panel, cycle: Sequence[Mapping[str, Any]]) -> Iterat
         label = plain(trace.label) + (f": {trace.fit}" if trace.fit and single else "")
         look = _own_look(trace, cycle)
         yield (trace.group, label), _draw_trace(axes, trace, panel, look)
+    if panel.empty and panel.traces:  # its step sizes are known all the same
+        x = np.concatenate([trace.x for trace in panel.traces])
+        axes.update_datalim([(place, 1.0) for place in x[np.isfinite(x) & (x > 0)]])
     if panel.y_limits is not None:
         axes.set_ylim(panel.y_limits)
     thin: Any = {"color": "0.55", "linewidth": 0.6, "zorder": 1}
