@@ -266,6 +266,19 @@ def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value, order, 
     assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, verdict]
 
 
+def test_errors_may_have_fewer_step_sizes_and_need_one_end(tmp_path):
+    """They cost a reference; corrections along the way are not those of an end."""
+    values, error = {h: h**2 for h in STEPS}, {"measure": "error", "rounding": 1e-30}
+    table = series(values, quantity="u", **error) + series(power(-2))
+    table += series(dict([*values.items()][:3]), quantity="v", **error)
+    assert [s.verdict for s in found(tmp_path, table)] == [PASS] * 3
+    for row in table:
+        row["t_end"] = 1.0 if row["h"] > 1e-4 else 2.0
+    slopes = found(tmp_path, table)
+    assert [s.verdict for s in slopes] == [SHOWN, PASS, SHOWN]
+    assert slopes[0].reason == "taken at different times"
+
+
 def test_slopes_csv(tmp_path):
     """Columns appended, none renamed; empty where theory says nothing."""
     assert COLUMNS == (

@@ -132,6 +132,16 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
      "2 usable step sizes, .*"),
     ("an error that changes its sign is no order",
      evidence(**HEAVY_TOP), UNDECIDED, ".*"),
+    ("where rounding may rule nothing is fitted, though it rules only further on",
+     evidence([1e-2, 1e-4, 1e-6, 5e-7, 4e-7], rounding=[0, 0, 0, 1e-7, 3e-7]), PASS,
+     "rounding may rule below h = 0.0001, rules below h = 1e-05"),
+    ("multipliers that alternate from the start have no order yet",
+     evidence([1e-2, 1e-3, 1e-4], steps=np.array([10, 100, 1000]), fading=0.9), UNDECIDED,
+     r"λ still alternates from the start at h = 0\.01: .*"),
+    ("a curve far from the order that theory predicts has none",
+     evidence([1e-2, 1e-3, 3e-5], expected=5.0), UNDECIDED, ".*the order still changes with h.*"),
+    ("but misses one that somebody has written", evidence([1e-2, 1e-3, 3e-5], expected=5.0,
+     written=True), MISS, r"slope 1\.26 .*"),
     # A reference that could not be had leaves an empty error.
     ("no value is incomplete", evidence([NAN, NAN, NAN]), INCOMPLETE, ".*"),
     ("iterations and histories are shown",
@@ -197,6 +207,8 @@ def test_what_ought_to_be_rounding():
     require(evidence([0, 0, 0], rounding=0, **exact), PASS)
     require(evidence([2e-16, 3e-16, 2e-14], rounding=1e-16, **exact), MISS, "more than rounding.*")
     require(evidence([2e-16, 3e-16, 2e-16], rounding=NAN, **exact), UNDECIDED)
+    singular = evidence([2e-16, 3e-16, 2e-14], rounding=1e-16, irregular="singular", **exact)
+    require(singular, UNDECIDED, "more than rounding.*; singular")
 
 
 def test_a_head_is_left_out():
