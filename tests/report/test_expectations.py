@@ -1,6 +1,5 @@
 """Slopes and levels that a config expects: judged by `check`, reported to servers, refused."""
 
-import csv
 import json
 import re
 import shutil
@@ -220,24 +219,6 @@ def test_the_record_has_them(expecting, marched):
     assert records.changed(cli.folder / "results", ["swing"]) == []
 
 
-def test_folders_are_compared_by_the_expectations_that_both_have(expecting):
-    """Where an order is lost, the verdict on the expectation differs, as that on the slope."""
-    cli = expecting("{measure: error, quantity: u, slope: 2, within: 0.1}")
-    shutil.copytree(cli.folder / "results", cli.folder / "other")
-    assert "18 slopes and 2 claims" in cli("compare", "results", "other").stdout
-    changed = [dict(row) for row in rows_in(cli.folder / "other/swing.csv")]
-    for row in changed:
-        if row["measure"] == "error":
-            row["last"] = repr(float(row["last"]) / (float(row["h"]) ** 1.5))
-    with (cli.folder / "other/swing.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, changed[0], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(changed)
-    printed = cli("compare", "results", "other", "--all", code=1).stdout
-    assert printed.count("expectation of") == 2
-    assert "2 ± 0.1" in printed
-
-
 #: Expectations of error, and how many series each chooses.
 SPELLED = {
     "slope: 2, integrator: {method: generalized-alpha, rho: 0.9}": 6,
@@ -287,18 +268,6 @@ def test_mistakes(tmp_path, entry, words):
         config.load(tmp_path / "swing.yaml", "swing.yaml")
     assert str(caught.value).startswith(f"swing.yaml, line {EXPECT + 2}: expect[2]")
     assert words in str(caught.value)
-
-
-def test_in_python():
-    """A dict has them, too; mistakes name the key."""
-    study = {
-        "study": "swing", "problem": "pendulum", "form": "u-lambda", "preconditioning": "none",
-        "measure": "condition", "h": [1e-2, 1e-3, 1e-4], "steps": 10,
-        "expect": [{"measure": "condition", "slope": -4}],
-    }  # fmt: skip
-    assert newmark.slopes(newmark.run(study))["verdict"].tolist() == ["pass"]
-    with pytest.raises(newmark.InputError, match=r"^study: expect\[1\].form: unknown form"):
-        newmark.run(study | {"expect": [{"measure": "condition", "slope": -4, "form": "a-lamb"}]})
 
 
 def test_junit(expecting):

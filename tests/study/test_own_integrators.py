@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 import newmark_cli as newmark
 from newmark_cli.newmark import own_integrator
@@ -22,7 +21,6 @@ from newmark_cli.newmark.integrator import (
 from newmark_cli.newmark.integrator_labels import parse, plain_label
 from newmark_cli.study.axes import means, named
 
-EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 MINE = """
 import numpy as np
 
@@ -141,29 +139,6 @@ def test_legends_have_six_digits_by_which_a_member_is_found():
     text = "alpha (β = 0.308642, γ = 0.611111, α_m = -0.111111, α_f = 0)"
     assert named("integrator").text(label) == text
     assert means("integrator", text, label)
-
-
-def test_a_published_comparison_has_the_ratios_of_the_eigenvalues():
-    """Energy that 100 periods lose, from the amplification matrices of a linear oscillator."""
-    study = yaml.safe_load((EXAMPLES / "dissipation-study.yaml").read_text(encoding="utf-8"))
-    bossak, hht, chung = study["integrator"]
-    alpha, rho = hht["alpha"], chung["rho"]
-    members = [bossak, {"alpha_m": 0, "alpha_f": alpha, "gamma": 0.5 + alpha,
-                        "beta": (1 + alpha) ** 2 / 4}]  # fmt: skip
-    members.append({"alpha_m": (2 * rho - 1) / (rho + 1), "alpha_f": rho / (rho + 1)})
-    members[2]["gamma"] = 0.5 - members[2]["alpha_m"] + members[2]["alpha_f"]
-    members[2]["beta"] = (members[2]["gamma"] + 0.5) ** 2 / 4
-    for h in study["h"]:
-        size, lost = (2 * np.pi * h) ** 2, []
-        for of in members:
-            left = [[1, 0, -of["beta"]], [0, 1, -of["gamma"]],
-                    [size * (1 - of["alpha_f"]), 0, 1 - of["alpha_m"]]]  # fmt: skip
-            right = [[1, 1, 0.5 - of["beta"]], [0, 1, 1 - of["gamma"]],
-                     [-size * of["alpha_f"], 0, -of["alpha_m"]]]  # fmt: skip
-            values = np.linalg.eigvals(np.linalg.solve(left, right))
-            lost.append(1 - abs(values[values.imag > 0]).max() ** (2 * study["t_end"] / h))
-        for expect, ratio in zip(study["expect"][1:], np.divide(lost[:2], lost[1:]), strict=True):
-            assert expect["at_least"] < ratio < expect["at_most"]
 
 
 def test_advice_takes_a_class(cli, own):
