@@ -188,6 +188,8 @@ REFUSED = {
     "run quick.yaml other.yaml": "two studies are named 'quick'",
     "run missing.yaml": "missing.yaml: cannot be read",
     "run pendulum-uu": "did you mean 'pendulum-u'",
+    "run stray/notes.csv": "stray/notes.csv: is not a study; give a YAML file, or a shipped study",
+    "run stopping": "no shipped study; it is gone: the page on studies says what",
     "run folder.yaml": "folder.yaml: cannot be read",
     "run": "Missing argument",
     "run quick.yaml --jobs 0": "--jobs",
