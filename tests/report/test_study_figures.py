@@ -153,19 +153,6 @@ def test_what_would_be_too_many_panels_becomes_figures(tmp_path):
     assert list(found.values())[1].title == "hoist, (u, λ) form, float32: error of u"
 
 
-def test_series_that_are_no_grid_share_a_panel(tmp_path):
-    """Three cases that differ in two axes at once: one panel, not two with a series each."""
-    rows = [
-        *table(integrator=TRAPEZOIDAL, preconditioning="none"),
-        *table(integrator=DAMPED, preconditioning="optimal"),
-    ]
-    (figure,) = drawn(written(tmp_path, rows)).values()
-    (part,) = figure.parts
-    assert [c.label for c in part.curves] == [
-        "none, trapezoidal", "optimal, generalized-α (ρ∞ = 0.9)",
-    ]  # fmt: skip
-
-
 def test_row_blocks_are_panels_and_the_start_is_apart(tmp_path):
     """Of sensitivities each row block has a panel; the start and a run never share a figure."""
     rows = [
@@ -352,25 +339,6 @@ def test_work_precision_needs_a_record(tmp_path):
     assert list(drawn(written(tmp_path / "strange", rows, strange))) == [
         "mine-hoist-u-lambda-error-u"
     ]
-
-
-def test_a_config_defines_figures(tmp_path):
-    """Forms as series, evaluations as panels, one problem, a title and a name of one's own."""
-    rows = table(
-        form=["u-lambda", "v-lambda"], evaluation=["direct", "compensated"],
-        problem=["hoist.yaml", "pendulum"], quantity=["u", "v"],
-    )  # fmt: skip
-    entry = {
-        "measure": "error", "quantity": ["v"], "problem": ["pendulum"], "series": ["form"],
-        "panels": ["evaluation"], "title": "My title", "name": "forms",
-    }  # fmt: skip
-    given = written(tmp_path, rows, {"config": {"figures": [entry]}})
-    (figure,) = plot.chosen(["mine"], given).figures
-    assert (figure.name, figure.title) == ("mine-forms", "My title")
-    assert [part.title for part in figure.parts] == ["direct", "compensated"]
-    for part in figure.parts:
-        assert [c.label for c in part.curves] == ["(u, λ) form", "(v, λ) form"]
-        assert {(c.problem, c.quantity) for c in part.curves} == {("pendulum", "v")}
 
 
 def test_a_definition_that_means_several_figures_gives_several(tmp_path):

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import oracles
 import pytest
-from conftest import QUICK
 from covering import covering
 from marching import scheme_of, start
 from mpmath import mp
@@ -75,14 +74,6 @@ def test_orders_as_json(cli):
     assert three["physical_correction"]["a"] == {"order": -2, "role": "recovered"}
 
 
-def test_orders_of_a_config(cli):
-    """A scaling of one's own is predicted without code."""
-    cli.write("own.yaml", QUICK.replace("[none, optimal]", "{name: mine, right: {lambda: 1/h}}"))
-    (found,) = json.loads(cli("orders", "--config", "own.yaml", "--json").stdout)
-    assert found["correction"] == {"u": 0, "lambda": -1}
-    assert found["condition"] == -3
-
-
 def test_derive_in_the_terminal(cli):
     """All seven forms agree, and the text says which are the paper's."""
     text = cli("orders", "--derive").stdout
@@ -127,21 +118,6 @@ def test_sensitivities_are_columns_of_the_inverse(name, form, variant):
                 block = [change[i] for i, c in enumerate(column_names) if c == unknown[:6]]
                 exact = float(mp.norm(mp.matrix(block), 2))
                 assert found[row, unknown] == pytest.approx(exact, rel=1e-9, abs=0), (row, unknown)
-
-
-def test_sensitivity_study(cli):
-    """A config with measure: sensitivity runs and is checked."""
-    cli("run", "sensitivity")
-    found = json.loads(cli("check", "--json").stdout)
-    assert len(found) == 2 * 16
-    by_block = {
-        (r["preconditioning"], r["quantity"], r["row_block"]): (r["slope"], r["expected"])
-        for r in found
-    }
-    assert by_block["none", "u", "D"] == (pytest.approx(2, abs=0.05), 2)
-    assert by_block["none", "lambda", "C"] == (pytest.approx(-2, abs=0.05), -2)
-    assert by_block["optimal", "lambda", "C"] == (pytest.approx(0, abs=0.05), 0)
-    assert by_block["none", "u", "V"] == (None, 2), "exactly 0: Andrews has no damping"
 
 
 @pytest.fixture(scope="module")

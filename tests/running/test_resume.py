@@ -70,17 +70,6 @@ def test_a_second_run_computes_nothing(cli, quick):
     assert csv(cli.folder / "results") == first
 
 
-def test_only_what_is_new_runs(cli, quick):
-    """Another h, another study with the same cells: what is kept is not computed again."""
-    cli("run", "quick.yaml")
-    quick.write_text(QUICK.replace("[1e-1, 1e-2]", "[1e-1, 1e-2, 1e-3]"))
-    found, last = reasons(cli)
-    assert found == ["done, ok", "done, ok", "to run: not run yet"] * 2
-    assert last == "2 of 6 cells to run"
-    cli.write("other.yaml", QUICK.replace("study: quick", "study: other"))
-    assert "(4 cached)" in cli("run", "other.yaml").stdout
-
-
 def test_dry_runs_say_why(cli):
     """Another problem of the same name, other libraries, another core, a damaged file."""
     cli.write("rod.yaml", ROD)
