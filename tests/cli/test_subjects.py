@@ -86,22 +86,6 @@ def test_commands_work_or_say_why_not(folder, words, subject, works):
     require(invoke([*command, subject, *code], folder), works)
 
 
-@pytest.mark.parametrize(("problem", "works"), [
-    *((problem, True) for problem in ("pendulum", "planar.yaml", "spatial.yaml")),
-    ("{chain: {links: 3}}", True),
-    *((problem, False) for problem in STUDIES + SUBJECTS[-4:]),
-])  # fmt: skip
-def test_studies_of_every_kind_of_problem(folder, problem, works):
-    """The same of `validate` and `run` where a study names the subject.
-
-    Those in Python are in `test_own_problems` and `test_python_forces`.
-    """
-    text = f"study: other\nproblem: {problem}\nform: u-lambda\npreconditioning: none\n"
-    (folder / "other.yaml").write_text(text + "h: 1e-2\nt_end: 0.02\n")
-    for command in (["validate"], ["run", "--results", "others"]):
-        require(invoke([*command, "other.yaml", "--allow-code"], folder), works)
-
-
 def require(done, works):
     """Exit code 0 and something on stdout, or 2 and one line on stderr."""
     assert done.returncode == (0 if works else 2), done.stderr + done.stdout

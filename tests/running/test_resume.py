@@ -275,19 +275,6 @@ def test_references_that_come_at_last(cli):
 CAPPED = QUICK + "iteration_cap: 1\nmeasure: correction\n"
 
 
-def test_reasons_are_told_once_for_each(cli):
-    cli.write("quick.yaml", CAPPED)
-    complaint = (
-        "newmark-study: quick: 4 of 4 cells ended with status not_converged, at h = 0.1, 0.01; a "
-        "smaller h may help\n"
-    )
-    for option in ("-q", "--fail-fast", "-v"):
-        assert complaint in cli("run", "quick.yaml", option, code=1).stderr
-    assert cli("run", "quick.yaml", "-q", code=1).stderr == complaint
-    cli.write("quick.yaml", CAPPED + "accept: not_converged\n")
-    assert cli("run", "quick.yaml", "-q").stderr == ""
-
-
 def test_what_is_accepted_is_not_part_of_a_cell(cli):
     """Studies that share cells compute them once, whatever each accepts, however it spells them."""
     accepting = "accept: not_converged\n"
