@@ -1,7 +1,5 @@
 """The codes of docs/comparison.md: their studies, their results, and the page."""
 
-import shutil
-from importlib import util
 from pathlib import Path
 
 import numpy as np
@@ -15,41 +13,6 @@ TOP = Path(__file__).parents[1]
 PEERS = TOP / "benchmarks" / "peers"
 PROBLEMS = ("thrown-pendulum", "slider-crank", "andrews", "heavy-top")
 STUDIES = [f"peers-{name}" for name in PROBLEMS]
-#: Package → a code with fast settings, and the largest error of u and λ that they should have.
-CODES = {
-    "sksundae": ("with_ida", "{formulation: ggl, tolerance: 1e-8, integrals: true}", 1e-6),
-    "scipy_dae": (
-        "with_solve_dae",
-        "{package: scipy_dae, method: Radau, formulation: ggl, tolerance: 1e-8, integrals: true}",
-        1e-7,
-    ),
-    "solve_dae": (
-        "with_solve_dae",
-        "{package: solve_dae, method: BDF, formulation: ggl, tolerance: 1e-8, integrals: true}",
-        1e-6,
-    ),
-    "exudyn": ("with_exudyn", "{trapezoidal: true, index_2: true}", 1e-2),
-    "mujoco": ("with_mujoco", "{hard: true}", 1e-1),
-    "openseespy": ("with_opensees", "{stiffness: 1e6}", 1e-1),
-}
-STUDY = """\
-study: one
-problem: mechanisms/thrown-pendulum.yaml
-measure: error
-twins: 0
-h: 1e-2
-t_end: 0.5
-code:
-"""
-
-
-@pytest.fixture
-def codes(cli):
-    """A folder with the codes and the pendulum."""
-    for path in PEERS.glob("*.py"):
-        shutil.copy(path, cli.folder)
-    shutil.copytree(PEERS / "mechanisms", cli.folder / "mechanisms")
-    return cli.folder
 
 
 def test_page_has_tables_that_the_command_prints(cli):
@@ -77,52 +40,6 @@ def test_results_are_those_of_the_config(cli, name):
     assert set(failed["status"]) == {"failed"}
     assert failed["code"].str.match("IDA, 1e|scipy_dae|solve_dae BDF").all()
     assert "newmark-study" in set(rows["code"])
-
-
-@pytest.mark.parametrize("name", PROBLEMS)
-def test_an_end_is_a_row_with_the_names_of_a_march(monkeypatch, name):
-    """λ may be that of the last constraints only, as of a body without directors."""
-    monkeypatch.syspath_prepend(str(PEERS))
-    last_row = pytest.importorskip("rows").last_row
-    path = PEERS / "mechanisms" / f"{name}.yaml"
-    problem = newmark.problem(str(path) if path.exists() else name)
-    u, v = problem.u0.reshape(-1, 2), problem.v0
-    row = last_row(problem, 0.5, u, v, np.arange(problem.m), iterations=2.5)
-    named = newmark.march(problem, h=1e-4, steps=0).to_frame().columns
-    wanted = [column for column in named if column.startswith(("u[", "v[", "lambda["))]
-    assert [*row] == ["t", *wanted, "iterations"]
-    assert [row[column][0] for column in wanted] == [*problem.u0, *v, *range(problem.m)]
-    if problem.m > 3:
-        of_joint = last_row(problem, 0.5, u, v, [1.0, 2.0, 3.0])
-        last = [f"lambda[{each}]" for each in problem.constraint_names[-3:]]
-        assert [column for column in of_joint if column.startswith("lambda[")] == last
-
-
-def test_codes_that_are_installed_come_to_the_end(cli, codes):
-    """With the errors that their settings allow, and no more."""
-    there = [name for name in CODES if util.find_spec(name)]
-    if not there:
-        pytest.skip("needs the extra peers")
-    lines = [
-        f'  - {{name: {name}, python: "{CODES[name][0]}.py:solve", args: {CODES[name][1]}}}\n'
-        for name in there
-    ]
-    (codes / "one.yaml").write_text(STUDY + "".join(lines))
-    cli("run", "one.yaml", "--allow-code")
-    rows = pd.read_csv(codes / "results" / "one.csv").set_index(["code", "quantity"])
-    for name in there:
-        for quantity in ("u", "lambda"):
-            assert 0 < rows.loc[(name, quantity), "last"] < CODES[name][2], (name, quantity)
-
-
-def test_a_code_that_is_not_installed_is_a_failed_cell(cli, codes):
-    """With one line that says what is missing."""
-    settings = "{package: not_there, method: BDF, formulation: ggl, tolerance: 1e-8}"
-    entry = f'  - {{name: none, python: "with_solve_dae.py:solve", args: {settings}}}\n'
-    (codes / "one.yaml").write_text(STUDY + entry)
-    told = cli("run", "one.yaml", "--allow-code", code=1).stderr
-    (line,) = [line for line in told.splitlines() if "failed" in line]
-    assert line.endswith("ModuleNotFoundError: No module named 'not_there'")
 
 
 def test_results_have_the_errors_of_their_last_states():

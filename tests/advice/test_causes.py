@@ -21,7 +21,9 @@ import newmark_cli as newmark
     ],
 )
 def test_the_one_number_that_differs_is_named_with_its_value(path, factor, said):
-    (fault,) = judged(cart(with_number(path, factor)), CART, **BDF2).faults
+    # A spring's own length shows later, as the others do where few columns tell of them.
+    long = {"t_end": 0.4} if path[-1] == "rest_length" else {}
+    (fault,) = judged(cart(with_number(path, factor), **long), CART, **BDF2).faults
     assert fault.name == "another mechanism"
     name = ".".join(path)
     # Where spring and damper act along the rail, their length is told by the place of their end.
@@ -192,9 +194,13 @@ def test_numbers_beside_forces_in_python_are_named(tmp_path):
     (tmp_path / "air.py").write_text("def drag(places, pace, t):\n    return -0.4 * pace\n")
 
     def problem(name, stiffness):
-        coil = CART["springs"]["coil"] | {"stiffness": stiffness}
-        air = {"air": {"python": "air.py:drag", "on": ["C", "P"]}}
-        document = {**CART, "springs": {"coil": coil}, "python_forces": air}
+        document = {
+            "points": {"W": {"fixed": [0, 0]}, "C": {"at": [1, 0], "mass": 1.4}},
+            "sliders": {"rail": {"point": "C", "through": [0, 0], "direction": [1, 0]}},
+            "springs": {"coil": {"from": "W", "to": "C", "stiffness": stiffness,
+                                 "rest_length": 0.8}},
+            "python_forces": {"air": {"python": "air.py:drag", "on": ["C"]}},
+        }  # fmt: skip
         (tmp_path / name).write_text(json.dumps(document))
         return newmark.problem(tmp_path / name, allow_code=True)
 
@@ -256,7 +262,7 @@ def test_coordinates_that_are_stored_in_single_precision_are_no_other_length():
 
 def test_velocities_of_half_a_step_before_are_told_of_a_code_of_order_2():
     """Also where 16 % of their error is something else: no change of a step does it to v only."""
-    table = cart(rows=range(321))
+    table = cart(rows=range(-20, 0))
     rates = [name for name in table if name[0] == "v"]
     before = table.groupby("h")[rates].shift(1)
     table[rates] = 0.57 * table[rates] + 0.43 * before
@@ -283,7 +289,7 @@ def test_multipliers_without_centrifugal_terms_are_told_where_u_and_v_are_right(
 
 
 def test_rows_of_the_next_step_are_no_other_start():
-    table = cart(rows=range(321))
+    table = cart(rows=range(-20, 0))
     state = [name for name in table if name[0] in "uvl"]
     table[state] = table.groupby("h")[state].shift(-1)
     (fault,) = judged(table.dropna(), CART, **BDF2).faults
@@ -360,7 +366,7 @@ def test_another_start_is_named_from_its_row_only():
     assert (fault.name, fault.evidence["coordinate"]) == ("start", "v[P.x]")
     assert fault.evidence["off"] == pytest.approx(0.02, rel=0.02)
     assert "the motion from there is what the code computes" in fault.text
-    (fault,) = judged(cart(document, rows=(-30, -20, -1)), CART, **BDF2).faults
+    (fault,) = judged(cart(document, rows=(-30, -20, -1), t_end=0.4), CART, **BDF2).faults
     assert fault.name == "another mechanism"
     assert fault.evidence["changes"] == {"the start's velocities": pytest.approx(0.02, rel=1e-3)}
 
@@ -388,7 +394,7 @@ def test_a_factor_of_the_multipliers_is_told_with_its_power_of_h(change, factor,
 
 
 def test_multipliers_of_another_time_are_told():
-    table = cart(rows=range(-40, 0))
+    table = cart(rows=range(-40, 0), t_end=0.4)
     lambdas = [name for name in table if name.startswith("lambda")]
     table[lambdas] = table.groupby("h")[lambdas].shift(1)
     (fault,) = judged(table.dropna(), CART, **BDF2).faults
@@ -397,7 +403,7 @@ def test_multipliers_of_another_time_are_told():
 
 def test_multipliers_from_differences_of_velocities_are_told():
     """λ of M (v − v of the step before)/h = f + G λ is of order 1, where u and v have order 2."""
-    problem, table = newmark.problem(CART), cart(rows=range(321))
+    problem, table = newmark.problem(CART), cart(rows=range(-40, 0), t_end=0.4)
     u, v = (table[[f"{part}[{name}]" for name in problem.coordinate_names]] for part in "uv")
     a = v.groupby(table["h"]).diff().div(table["h"], axis=0)
     for row in table.index[a.notna().all(axis=1)]:
@@ -421,15 +427,20 @@ def test_a_coarsest_run_that_does_not_fit_is_left_out_and_said_to_be():
 
 def test_order_1_is_a_fault_only_of_a_method_that_is_named():
     table = cart(integrator="bdf1")
-    (note,) = judged(table, CART).findings
+    unnamed = judged(table, CART)
+    (note,) = unnamed.findings
     assert not note.fault
     assert note.name == "backward Euler"
     assert note.evidence["orders"]["u"] == pytest.approx(1, abs=0.1)
-    assert "No order was expected, as no integrator was named." in judged(table, CART).conclusion
+    assert "No order was expected, as no integrator was named." in unnamed.conclusion
     named = judged(table, CART, integrator="bdf1")
     assert (named.findings, named.conclusion) == ([], "Nothing wrong was found.")
     (fault,) = judged(table, CART, **BDF2).faults
     assert fault.name == "backward Euler"
+    expect = [{"quantity": ["u", "v"], "slope": 1, "within": 0.15}]
+    held = judged(table, CART, expect=expect)
+    assert {one.verdict for one in held.expected} == {"pass"}
+    assert not held.fails()
 
 
 def test_few_digits_limit_what_is_said_and_are_no_fault(cli):
@@ -440,17 +451,9 @@ def test_few_digits_limit_what_is_said_and_are_no_fault(cli):
     assert "Nothing wrong was found." in str(found)
 
 
-def test_what_is_expected_takes_the_place_of_the_order_of_the_method():
-    table = cart(integrator="bdf1")
-    expect = [{"quantity": ["u", "v"], "slope": 1, "within": 0.15}]
-    held = judged(table, CART, expect=expect)
-    assert {one.verdict for one in held.expected} == {"pass"}
-    assert not held.fails()
-
-
-@pytest.mark.parametrize("parts", ["tu", "tuv"])
-def test_fewer_columns_still_name_a_number_or_those_that_cannot_be_told_apart(parts):
-    table = cart(with_number(("springs", "coil", "stiffness"), 1.1), parts, (*range(-40, 0, 5), -1))
+def test_fewer_columns_still_name_a_number_or_those_that_cannot_be_told_apart():
+    stiff = with_number(("springs", "coil", "stiffness"), 1.1)
+    table = cart(stiff, "tu", (*range(-40, 0, 5), -1), t_end=0.4)
     (fault,) = judged(table, CART, **BDF2).faults
     assert "springs.coil.stiffness" in fault.evidence["changes"]
     change = fault.evidence["changes"]["springs.coil.stiffness"]
@@ -477,17 +480,8 @@ def test_a_motion_past_a_singular_position_is_judged_by_differences():
     assert "singular position" in note.text
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "rocker: bodies.arm.centre.0 × 1.02",
-        "crane: no centrifugal terms",
-    ],
-)
-def test_tables_of_the_bench_are_judged_rightly(name):
-    (case,) = [one for one in (*BENCH.sound(), *BENCH.faulty())
-               if f"{one.mechanism}: {one.name}" == name]  # fmt: skip
-    said, found = BENCH.verdict(case)
-    assert said == ("right" if case.right else "sound")
-    if case.change:
-        assert BENCH.number(case, found) == "number"
+def test_a_step_without_centrifugal_terms_is_told():
+    """Of a whole code, as the bench has it."""
+    (case,) = [one for one in BENCH.faulty()
+               if (one.mechanism, one.name) == ("crane", "no centrifugal terms")]  # fmt: skip
+    assert BENCH.verdict(case)[0] == "right"

@@ -29,12 +29,12 @@ CRANK, SPATIAL = "slider-crank", "spatial-slider-crank"
     ("subject", "fault"),
     [
         *((THROWN, fault) for fault in ("", *FAULTS)),
-        *((CRANK, fault) for fault in ("", *FAULTS[4:10:3])),
-        *((SPATIAL, fault) for fault in ("", *FAULTS[5:11:3])),
+        *((CRANK, fault) for fault in ("", FAULTS[7])),
+        *((SPATIAL, fault) for fault in ("", FAULTS[8])),
     ],
 )
 def test_a_fault_of_a_textbook_code_is_named_and_a_sound_one_has_none(subject, fault):
-    """Every fault in the plainest mechanism, and in one of those with more constraints."""
+    """Every fault in the plainest mechanism, and one in those with more constraints."""
     problem = newmark.problem(subject)
     sizes, t_end, tolerance, small = RUNS[subject]
     if fault == "tolerance on λ":

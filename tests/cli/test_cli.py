@@ -115,32 +115,6 @@ def test_plot_and_check_read_the_csv_alone(cli, computed):
         assert float(row["slope"]) == by_key[tuple(row[k] for k in key)]["slope"]
 
 
-def test_check_prints_what_is_asked_for(cli, computed):
-    """Figures by default, every slope with --all, Markdown with --markdown."""
-    arguments = ("check", "pendulum-u", "--results", computed)
-    plain = cli(*arguments).stdout
-    assert plain.splitlines()[1].startswith("------")
-    assert "(physical)" not in plain
-    assert cli(*arguments, "--all").stdout.count("(physical)") == 16
-    markdown = cli(*arguments, "--markdown").stdout.splitlines()
-    assert markdown[0].startswith("| figure | config |")
-    assert len(markdown) >= 2 + 12
-
-
-def test_own_scaling_is_predicted_and_measured(cli):
-    """λ scaled by 1/h only, a partial cure: orders predicted and fitted without code."""
-    own = QUICK.replace("[none, optimal]", "{name: mine, right: {lambda: 1/h}}")
-    cli.write("own.yaml", own.replace("[1e-1, 1e-2]", "[1e-1, 1e-2, 1e-3]"))
-    cli("run", "own.yaml")
-    found = {(r["quantity"], r["measure"]): r for r in json.loads(cli("check", "--json").stdout)}
-    for key, order, within in (
-        (("lambda", "correction"), -1, 0.15),
-        (("jacobian", "condition"), -3, 0.05),
-    ):
-        assert found[key]["expected"] == order
-        assert found[key]["slope"] == pytest.approx(order, abs=within)
-
-
 @pytest.mark.bits("the fits are the shipped ones to the last digit")
 def test_reproduce_keeps_the_slopes_of_other_studies(cli, committed_folder, monkeypatch):
     """slopes.csv is about all that is there; output and exit code about what was reproduced.
@@ -214,6 +188,8 @@ REFUSED = {
     "run quick.yaml other.yaml": "two studies are named 'quick'",
     "run missing.yaml": "missing.yaml: cannot be read",
     "run pendulum-uu": "did you mean 'pendulum-u'",
+    "run stray/notes.csv": "stray/notes.csv: is not a study; give a YAML file, or a shipped study",
+    "run stopping": "no shipped study; it is gone: the page on studies says what",
     "run folder.yaml": "folder.yaml: cannot be read",
     "run": "Missing argument",
     "run quick.yaml --jobs 0": "--jobs",

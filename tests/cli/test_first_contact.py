@@ -21,9 +21,8 @@ from newmark_cli.newmark.scheme import EVALUATIONS, PRECISIONS
 from newmark_cli.report.drawing import automatic
 from newmark_cli.report.drawing.sheets import Results
 from newmark_cli.report.judging.slopes import collect
-from newmark_cli.study import axes, config, keys
+from newmark_cli.study import axes, keys
 from newmark_cli.study.entries import FigureConfig
-from newmark_cli.support.documents import Document
 
 SWING = {
     "points": {"O": {"fixed": [0, 0]}, "P": {"at": [1, 0], "mass": 2}},
@@ -125,23 +124,6 @@ def test_scaling_is_preconditioning(cli):
     assert "unknown preconditioning 'lft'; did you mean 'left'?" in line
 
 
-def test_a_mechanism_in_a_study(tmp_path):
-    """As from a file: the same values, a record that says what it was, and mistakes by key."""
-    (tmp_path / "swing.yaml").write_text(json.dumps(SWING))
-    frame, of_file = (
-        newmark.run(STUDY | {"problem": given}) for given in (SWING, str(tmp_path / "swing.yaml"))
-    )
-    assert set(frame["problem"]) == {"mechanism"}
-    np.testing.assert_array_equal(frame["max"], of_file["max"])
-    spec = config.parse(Document.of("study", STUDY | {"problem": SWING})).cases[0].problem[0]
-    assert spec.given == SWING
-    wrong = SWING | {"bars": {"rod": {"from": "O", "to": "Q", "length": 1}}}
-    with pytest.raises(
-        newmark.NewmarkError, match=r"problem: mechanism: bars\.rod\.to: unknown point"
-    ):
-        newmark.run(STUDY | {"problem": wrong})
-
-
 def test_yaml_1_1_reads_on_as_true():
     """PyYAML makes True of the key `on`; so may Python."""
     wheel = {"from": "P", "to": "Q", "length": 1, "mass": 1, "inertia": 1}
@@ -175,60 +157,6 @@ def test_names_without_endings(cli):
     ]
     assert newmark.march(cli.folder / "hoist.yaml", h=1e-2, steps=1).problem.n == 2
     assert len(cli("check", "lift", "--markdown").stdout.splitlines()) > 2
-
-
-ARM = """dimensions: 3
-bodies:
-  arm: {position: [0, 0, 0], mass: 1, inertia: [0.1, 0.1, 0.1], centre: [0.5, 0, 0]}
-  rod: {position: [1, 0, 0], mass: 1, inertia: [0.1, 0.1, 0.1]}
-joints:
-  base: {type: revolute, from: ground, to: arm, at: [0, 0, 0], axis: [0, 0, 1]}
-  elbow: {type: rigid, from: arm, to: rod, at: [1, 0, 0]}
-  end: {type: spherical, from: ground, to: rod, at: {ground: [9, 9, 9], rod: [1, 0, 0]}}
-assemble: true
-"""
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "told"),
-    [
-        ("s", json.dumps(STUDY | {"measure": "error", "h": [7e-3]}),
-         "h: errors need a whole number of steps to t_end = 0.1, given 0.007; the nearest is "
-         "0.0071428571, or t_end = 0.098 fits"),
-        ("s", json.dumps({k: v for k, v in STUDY.items() if k != "form"}),
-         "form: missing; allowed: u-v-a-lambda, u-v-lambda, u-lambda, v-lambda, a-lambda, "),
-        ("s", json.dumps({k: v for k, v in STUDY.items() if k != "preconditioning"}),
-         "preconditioning: missing; allowed: none, left, right, optimal, "),
-        ("s", json.dumps(STUDY | {"h": ["1e-3"]}),
-         "h[1]: must be a number without quotes, given '1e-3'"),
-        ("s", json.dumps(STUDY | {"problem": "s.yaml"}),
-         "problem: s.yaml, line 1: is a study, not a mechanism; give its problem, s.yaml, instead"),
-        ("m", json.dumps(SWING | {"gravity": -9.81}),
-         "gravity: must have two components, [x, y], given -9.81"),
-        ("m", ARM.replace("spherical", "spherica"),
-         "joints.end.type: unknown name 'spherica'; did you mean 'spherical'? allowed: spherical,"),
-        ("m", ARM, "assemble: no position found from this guess: end is open by 9 there; the "
-         "closest one misses "),
-        ("m", json.dumps(SWING | {"points": {"O": {"fixed": [1e-11, 0]}, "P": {"at": [1, 0]}}}),
-         "bars.rod: O and P start 0.99999999999 m apart, given length 1; correct the positions"),
-    ],
-)  # fmt: skip
-def test_mistakes_in_one_line(cli, name, text, told):
-    cli.write(f"{name}.yaml", text)
-    (line,) = cli("validate", f"{name}.yaml", code=2).stderr.splitlines()
-    assert line.startswith(f"newmark-study: {name}.yaml, line ")
-    assert told in line
-
-
-def test_what_is_no_study(cli):
-    """A CSV that is there, a file that is not, a study's figure without results."""
-    cli.write("lift.csv", "x")
-    for arguments, told in (
-        (("run", "./lift.csv"), "./lift.csv: is not a study; give a YAML file, or a shipped study"),
-        (("run", "./lft.csv"), "./lft.csv: no such file and no shipped study"),
-        (("run", "stopping"), "no shipped study; it is gone: the page on studies says what"),
-    ):
-        assert told in cli(*arguments, code=2).stderr
 
 
 def test_masses_of_body_points_count():

@@ -53,18 +53,6 @@ def test_a_changed_study_is_another_one(cli):
     assert found == {"lift.csv", f"{name}.csv", "short.csv"}
 
 
-@pytest.mark.parametrize(
-    ("setting", "name"),
-    [
-        ("integrator={method: newmark, beta: 0.3}", "lift-integrator-method-newmark-beta-0.3"),
-        ("twins=3", "lift-twins-3"),
-    ],
-)
-def test_names(cli, setting, name):
-    cli.write("lift.yaml", LIFT)
-    assert f"{name}: " in cli("run", "--dry-run", "lift", setting).stdout
-
-
 def test_of_all_cases_and_of_shipped_studies(cli):
     cli.write("cases.yaml", CASES)
     listed = cli("run", "--dry-run", "cases", "t_end=0.04", "form=a-lambda").stdout.splitlines()
@@ -112,12 +100,3 @@ def test_step_sizes_that_converge(cli, sizes, told):
     done = cli("run", "lift", f"h={sizes}", "steps=5", "measure=correction",
                "problem=four-bar", "study=coarse", code=1)  # fmt: skip
     assert done.stderr == f"newmark-study: coarse: {told}\n"
-
-
-def test_what_is_no_study(cli):
-    cli.write("arm.yaml", "points: {O: {fixed: [0, 0]}, P: {at: [1, 0], mass: 1}}\n")
-    told = "arm.yaml, line 1: is a mechanism, not a study: a study has it as its 'problem'"
-    assert cli.refused("run", "arm", "h=1e-3") == f"newmark-study: {told}"
-    cli.write("lift.yaml", LIFT.partition("\n")[2])
-    assert cli("run", "lift", "h=1e-3", code=2).stderr.endswith(": study: missing\n")
-    assert cli.refused("run", "h=1e-3") == "newmark-study: Missing argument 'CONFIG...'."

@@ -112,12 +112,6 @@ def test_every_mistake_has_its_line(cli, kind):
         assert message.startswith(words)
 
 
-def test_a_run_names_the_first_mistake(cli):
-    cli.write("c.yaml", MISTAKES["keys and values of a config"][0])
-    line = cli.refused("run", "c.yaml")
-    assert line.startswith("newmark-study: c.yaml, line 1: studdy: unknown key")
-
-
 def test_mistakes_in_a_file_that_a_config_names(cli):
     """All of them, at the place that names the file, and once however often it is named."""
     cli.write(
@@ -140,6 +134,9 @@ def test_a_mechanism_is_no_study(cli):
     )
     with pytest.raises(DocumentError, match=r"^study: is a mechanism, not a study: "):
         newmark.run({"points": {"A": {"fixed": [0, 0]}}})
+    cli.write("c.yaml", QUICK.replace("pendulum", "c.yaml"))
+    told = "problem: c.yaml, line 1: is a study, not a mechanism; give its problem, c.yaml, instead"
+    assert told in cli.refused("validate", "c.yaml")
 
 
 def test_references_to_wrong_parts_are_no_mistakes(cli):

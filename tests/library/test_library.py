@@ -209,20 +209,6 @@ def test_a_restart_takes_the_same_steps_to_the_bit(integrator, evaluation):
         same((array, other))
 
 
-def test_a_restart_with_another_step_size_starts_anew():
-    """From u, v and λ of the state, at its time; it converges to the same motion."""
-    half = newmark.march("pendulum", h=1e-2, t_end=1.0, integrator="bdf2")
-    with pytest.warns(newmark.NewmarkWarning, match="h = 0.01, here 0.001; integrator bdf2, here"):
-        finer = newmark.march("pendulum", h=1e-3, t_end=2.0, state=half.state)
-    assert (finer.t[0], finer.steps) == (half.t[-1], 1000)
-    assert finer.t[-1] == pytest.approx(2.0)
-    same((finer.u[0], half.u[-1]), (finer.a[0], half.a[-1]))
-    again = newmark.march("pendulum", h=1e-3, t_end=2.5, state=finer.state)
-    assert (again.steps, again.t[-1]) == (500, pytest.approx(2.5))
-    known = newmark.march("pendulum", h=1e-4, t_end=2.0, every=0)
-    assert finer.u[-1] == pytest.approx(known.u[-1], abs=1e-3)
-
-
 def test_callbacks_see_kept_steps_and_stop_the_march():
     seen = []
 
@@ -275,31 +261,6 @@ def test_an_exception_in_a_problem_leaves_what_was_marched():
     assert np.all(np.isfinite(part.u))
     well = newmark.march(double_pendulum(), h=0.01, steps=20)
     same((part.u, well.u))
-
-
-INTERRUPTED = """\
-import signal
-import newmark_cli as newmark
-signal.signal(signal.SIGVTALRM, lambda number, frame: signal.raise_signal(signal.SIGINT))
-newmark.march("pendulum", h=1e-6, steps=10)
-for delay in (0.05, 0.21):
-    # Seconds that the process computes, however busy the machine is.
-    signal.setitimer(signal.ITIMER_VIRTUAL, delay)
-    try:
-        newmark.march("pendulum", h=1e-6, steps=10**9, every=1000)
-    except KeyboardInterrupt as error:
-        part = error.trajectory
-    again = newmark.march("pendulum", h=1e-6, steps=part.steps, every=1000)
-    rest = newmark.march("pendulum", h=1e-6, steps=5, state=part.state)
-    print(part.status, part.steps > 0, (again.u[:-1] == part.u[: len(again.u) - 1]).all(),
-          (again.u[-1] == part.u[-1]).all(), len(again.u) == len(part.u), rest.status)
-"""
-
-
-def test_an_interrupt_leaves_a_usable_trajectory(cli):
-    """Ctrl-C in the middle of a long march: what was kept, and a state to go on from."""
-    done = cli.python(cli.write("interrupted.py", INTERRUPTED))
-    assert (done.stdout, done.stderr) == ("interrupted True True True True ok\n" * 2, "")
 
 
 @contextmanager
@@ -581,15 +542,37 @@ for steps, every in ((750_000, 1000), (200_000, 1)):
     found = newmark.march("pendulum", h=1e-7, steps=steps, every=every)
     print(found.steps, len(found.t), found.status, (most() - before) / 1024)
 """
+INTERRUPTED = """\
+import signal
+signal.signal(signal.SIGVTALRM, lambda number, frame: signal.raise_signal(signal.SIGINT))
+newmark.march("pendulum", h=1e-6, steps=10)
+for delay in (0.05, 0.21):
+    # Seconds that the process computes, however busy the machine is.
+    signal.setitimer(signal.ITIMER_VIRTUAL, delay)
+    try:
+        newmark.march("pendulum", h=1e-6, steps=10**9, every=1000)
+    except KeyboardInterrupt as error:
+        part = error.trajectory
+    again = newmark.march("pendulum", h=1e-6, steps=part.steps, every=1000)
+    rest = newmark.march("pendulum", h=1e-6, steps=5, state=part.state)
+    print(part.status, part.steps > 0, (again.u[:-1] == part.u[: len(again.u) - 1]).all(),
+          (again.u[-1] == part.u[-1]).all(), len(again.u) == len(part.u), rest.status)
+"""
 
 
-def test_memory_does_not_grow_with_the_steps(cli):
-    """Eight bytes for each of 750,000 steps would be 6 MB; all of 200,000 take 30."""
-    thinned, whole = cli.python(cli.write("march.py", MEMORY)).stdout.splitlines()
+def test_long_marches_in_a_process_of_their_own(cli):
+    """Eight bytes for each of 750,000 steps would be 6 MB; all of 200,000 take 30.
+
+    Ctrl-C in the middle leaves what was kept, and a state to go on from.
+    """
+    done = cli.python(cli.write("march.py", MEMORY + INTERRUPTED))
+    assert done.stderr == ""
+    thinned, whole, *interrupted = done.stdout.splitlines()
     *facts, grown = thinned.split()
     assert facts == ["750000", "751", "ok"]
     assert float(grown) < 3
     assert float(whole.split()[-1]) > 15
+    assert interrupted == ["interrupted True True True True ok"] * 2
 
 
 def test_stepping_ends_at_t_end_and_skips():

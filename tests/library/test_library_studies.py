@@ -1,7 +1,5 @@
 """Studies in notebooks: the rows, fits and figures of the command line."""
 
-import tempfile
-
 import pandas as pd
 import pytest
 from command_line import CommandLine
@@ -106,14 +104,6 @@ def test_part_of_a_frame(frame):
     found = newmark.slopes(both)
     assert found.groupby("study").size().tolist() == [len(found) // 2] * 2
     assert set(found["verdict"]) == {"pass"}
-
-
-def test_fits_and_figures_take_no_files(frame, monkeypatch):
-    """A frame is judged and drawn in memory, whatever stands in the folder."""
-    for name in ("TemporaryDirectory", "mkdtemp", "mkstemp"):
-        monkeypatch.setattr(tempfile, name, None)
-    assert set(newmark.slopes(frame)["verdict"]) == {"pass"}
-    assert newmark.plot(frame, measure="condition", form="u-lambda").axes
 
 
 def test_figures_draw_the_rows(frame):

@@ -13,29 +13,6 @@ from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.support.errors import ResultsError
 
 
-@pytest.mark.parametrize(
-    ("name", "series"),
-    # Compensated evaluation is not to be had where constraints depend on time.
-    [("16", [7, 7, 5]), ("24", [7, 7, 7]), ("25", [7, 7, 7])],
-)
-def test_errors_of_every_cure(tmp_path, name, series):
-    """Each group of cures has a figure, each problem a panel, each trace its CSV's points."""
-    figure = FIGURES[name]
-    path = synthetic.write(tmp_path, figure)
-    sheet = sheets.sheet(figure, Results(tmp_path, of_csv(path)))
-    assert (sheet.columns, len(sheet.panels)) == (3, 3)
-    looks = {}
-    for panel, part in zip(sheet.panels, figure.parts, strict=True):
-        for curve, trace in zip(part.curves, panel.traces[: len(part.curves)], strict=True):
-            expected = sorted((row["h"], row["last"]) for row in synthetic.rows_of(curve))
-            assert list(zip(trace.x.tolist(), trace.y.tolist(), strict=True)) == expected
-            assert trace.label == curve.label
-            assert looks.setdefault(curve.label, trace.look) == trace.look
-        assert len({trace.look.color for trace in panel.traces}) == len(part.curves)
-        assert len({curve.problem for curve in part.curves}) == 1
-    assert [len(part.curves) for part in figure.parts] == series
-
-
 def test_drifts_over_time(tmp_path):
     """Figure 18 draws what the file has; values below rounding are left out."""
     figure = FIGURES["18"]

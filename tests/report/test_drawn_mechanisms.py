@@ -14,8 +14,10 @@ FILES = [ROOT / "docs/examples" / f"{name}.yaml" for name in ("hoist", "shaper",
 SUBJECTS = [*map(str, FILES), "stephenson-sixbar", "knee-table", "hooke-shaft", "bathe-noh"]
 
 
-@pytest.mark.parametrize("size", [(3.3, None), (7.0, None), (4.5, 3.0)])
-@pytest.mark.parametrize("subject", SUBJECTS)
+@pytest.mark.parametrize(
+    ("subject", "size"),
+    [*zip(SUBJECTS, itertools.cycle([(3.3, None), (7.0, None), (4.5, 3.0)]), strict=False)],
+)
 def test_names_stand_where_they_hide_nothing(subject, size):
     problem = newmark.problem(subject)
     drawing = draw.drawn(mechanism_sheet("A title", problem, problem.u0), size)

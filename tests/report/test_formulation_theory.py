@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 import test_slopes
 from conftest import QUICK, rows_in
@@ -11,7 +10,7 @@ from conftest import QUICK, rows_in
 import newmark_cli
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha
-from newmark_cli.report.judging.verdicts import MISS, PASS, UNDECIDED, Evidence, judge
+from newmark_cli.report.judging.verdicts import MISS, UNDECIDED
 from newmark_cli.report.tables import predicted_tables
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
@@ -59,27 +58,6 @@ def test_predictions_follow_the_formulation():
     assert predicted("correction", "eta", formulation="ggl") == 0
     assert predicted("sensitivity", "eta", formulation="ggl", row_block="Cv") == 1
     assert predicted("sensitivity", formulation="ggl", row_block="C") == -1
-
-
-H = np.array([1e-2, 1e-3, 1e-4, 1e-5])
-
-
-def bounded(order, **rest):
-    """Verdict on a series of rounding whose order is at least 0."""
-    given = {"kind": "rounding", "expected": 0.0, "tolerance": 0.15, "bound": "because"} | rest
-    return judge(Evidence(H, 1e-16 * H**order, np.zeros(4), 1 / H, **given))
-
-
-@pytest.mark.parametrize("kind", ["rounding", "determined"])
-def test_bounds_are_judged_from_one_side(kind):
-    """Falling faster passes and says why; falling slower, or growing, does not."""
-    found = bounded(0.7, kind=kind)
-    assert found.verdict == PASS
-    assert found.reason == "at least order 0, a bound: because"
-    assert found.fit.slope == pytest.approx(0.7)
-    assert bounded(0, kind=kind).reason == ""
-    assert bounded(-0.3, kind=kind).verdict == MISS
-    assert bounded(0.7, kind=kind, bound="").verdict == MISS
 
 
 @pytest.mark.parametrize(("rate", "expected"), [(1e3, UNDECIDED), (1.0, MISS)])
@@ -136,13 +114,18 @@ def test_derive_a_formulation(cli, formulation):
     assert text.count(f"form, {formulation.split()[0]}") == 7
 
 
-def test_orders_of_a_config_with_formulations(cli):
-    cli.write("own.yaml", QUICK + "formulation: [ggl, {method: baumgarte, rate_h: 2}]\n")
+def test_orders_of_a_config(cli):
+    """A scaling of one's own is predicted without code, and so are formulations."""
+    own = QUICK.replace("[none, optimal]", "{name: mine, right: {lambda: 1/h}}")
+    cli.write("own.yaml", own + "formulation: [index-3, ggl, {method: baumgarte, rate_h: 2}]\n")
     found = json.loads(cli("orders", "--config", "own.yaml", "--json").stdout)
     assert list(dict.fromkeys(entry["formulation"] for entry in found)) == [
+        "index-3",
         "ggl",
         "baumgarte rate_h=2.0",
     ]
+    assert found[0]["correction"] == {"u": 0, "lambda": -1}
+    assert found[0]["condition"] == -3
 
 
 def test_tables_of_formulations(cli):

@@ -57,8 +57,8 @@ class Reader(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
-#: Studies past the paper, with what the page has of any: a figure, two, none, and a table.
-STUDIES = ("multipliers", "tolerance", "precision", "drift", "cures")
+#: Studies past the paper, with what the page has of any: a figure, none, and a table.
+STUDIES = ("multipliers", "tolerance", "precision", "drift")
 CLAIMING = [figure for figure in synthetic.CLAIMING if figure.study in STUDIES]
 
 
@@ -108,7 +108,7 @@ def test_every_figure_is_labelled(read):
     labels = [attributes["aria-label"] for attributes in read.attributes("svg")]
     # Figure 18 needs time series, which are not here.
     made = [figure for figure in CLAIMING if figure.name != "18"]
-    drawn = (*(FIGURES[name] for name in ("6", "24", "25")), *made)
+    drawn = (FIGURES["6"], *made)
     found = [label.partition(".")[0] for label in labels]
     assert sorted(found) == sorted(figure.title for figure in drawn)
     assert {attributes["role"] for attributes in read.attributes("svg")} == {"img"}
@@ -208,15 +208,11 @@ def test_mechanisms_in_space_are_drawn(cli):
     """Results of shipped ones come with a drawing, which says which rows were dropped."""
     cli.write(
         "mine.yaml",
-        "study: mine\nproblem: [bricard, pendulum]\nform: u-lambda\npreconditioning: optimal\n"
-        "measure: condition\nh: [1e-2, 1e-3, 1e-4]\nsteps: 0\n",
+        "study: mine\nproblem: bricard\nform: u-lambda\npreconditioning: optimal\n"
+        "measure: condition\nh: 1e-2\nsteps: 0\n",
     )
     cli("run", "mine.yaml")
     assert cli("report").stdout == "results/report.html\n"
     text = (cli.folder / "results/report.html").read_text()
     assert text.count("<figcaption>bricard: ") == 1
     assert "initial position; redundant, dropped: P5.q</figcaption>" in text
-    assert "<figcaption>pendulum: " not in text
-    # Ids are unique on the page, of several pictures too.
-    ids = re.findall(r' id="([^"]+)"', text)
-    assert len(ids) == len(set(ids))

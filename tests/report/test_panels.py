@@ -97,15 +97,17 @@ def test_a_trace_as_it_is_drawn():
     apart, ruled = np.array([True, False, False, False]), np.array([False, True, False, False])
     one = trace(1, "one", apart=apart, ruled=ruled)
     point = trace(6, "point", x=np.array([1e-2]))
-    drawing = draw.drawn(Sheet("", (Panel((one, point)),)))
-    joined, hollow, single = drawing.axes[0].get_lines()
+    limits = trace(7, "limits", apart=np.full(4, True))
+    drawing = draw.drawn(Sheet("", (Panel((one, point, limits)),)))
+    joined, hollow, single, *_ = drawing.axes[0].get_lines()
     assert joined.get_xdata().tolist() == [1e-3, 1e-2, 1e-1]
     assert (joined.get_marker(), joined.get_linestyle()) == ("s", "--")
     assert joined.get_markerfacecolor() == joined.get_color()
     assert hollow.get_xdata().tolist() == [1e-4, 1e-3]
     assert (hollow.get_markerfacecolor(), hollow.get_linestyle()) == ("white", "None")
     assert (single.get_marker(), single.get_linestyle()) == ("*", "None")
-    assert texts(drawing.legends[0]) == ["one", "point"]
+    assert texts(drawing.legends[0]) == ["one", "point", "limits"]
+    assert drawing.legends[0].legend_handles[-1].get_markerfacecolor() == "white"
     assert drawing.legends[0].get_title().get_text().replace("\n", " ") == (
         "hollow: rounding rules; not joined: runs that did not end well"
     )
@@ -161,13 +163,6 @@ def test_an_empty_panel_among_others_has_no_frame():
     assert [axes.get_title() for axes in drawing.axes] == ["one", "two", "three"]
     said = [[text.get_text() for text in axes.texts] for axes in drawing.axes]
     assert said == [[], ["4 values are exactly 0"], ["no values"]]
-
-
-def test_the_handle_of_hollow_points_is_hollow():
-    """A series of limits only is in the legend as it is drawn."""
-    all_apart = trace(0, "limits", apart=np.full(4, True))
-    (handle,) = draw.drawn(Sheet("", (Panel((all_apart,)),))).legends[0].legend_handles
-    assert handle.get_markerfacecolor() == "white"
 
 
 def test_a_panel_without_a_value():

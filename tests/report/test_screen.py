@@ -1,6 +1,5 @@
 """What reaches a terminal, a figure, a table or a page of names that somebody made to harm."""
 
-import csv
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -17,7 +16,6 @@ from newmark_cli.report.drawing.panels import Panel, Sheet, Trace, look
 from newmark_cli.report.drawing.style import rendered
 from newmark_cli.report.judging import text
 from newmark_cli.report.tables.table import Report, Table, latex, markdown_table
-from newmark_cli.study.csv_files import csv_text
 from newmark_cli.support.errors import one_line, visible, visible_lines
 
 #: Moves the cursor, sets a title, rings; begins and ends lines; turns writing around.
@@ -208,19 +206,6 @@ def test_markdown_takes_names_as_text():
         + SHOWN.replace("\\", r"\\").replace("[", r"\[").replace("]", r"\]")
         + " |"
     )
-
-
-def test_the_page_shows_names_as_text(cli, committed_folder):
-    """Neither markup nor a script, in texts, attributes and figures."""
-    name = '"><script>alert(1)</script>' + "{{7*7}}"
-    with (committed_folder / "pendulum-u.csv").open() as file:
-        rows = [row for row in csv.DictReader(file) if row["measure"] == "condition"]
-    rows = [row | {"problem": name, "study": "mine"} for row in rows]
-    cli.write("results/mine.csv", csv_text([*rows[0]], rows))
-    cli("report")
-    page = (cli.folder / "results/report.html").read_text()
-    assert "<script" not in page
-    assert "&lt;script&gt;alert(1)&lt;/script&gt;{{7*7}}" in page
 
 
 def test_latex_of_long_and_of_wide_tables():

@@ -13,12 +13,10 @@ import threading
 from unittest import mock
 
 import pytest
-import synthetic
 from conftest import rows_in
 from test_slopes import power, series
 
 from newmark_cli.report.judging import text
-from newmark_cli.report.reading.figures import FIGURES
 from newmark_cli.study import csv_files
 
 #: A series with an order of its own between every two step sizes: 1e-9 h² and so on.
@@ -52,10 +50,11 @@ def test_values_and_local_orders(cli):
     assert [line[2] for line in printed[1:]] == ["2.00", "1.60", "2.00"]
 
 
-def test_fits_are_those_of_slopes_csv(cli, monkeypatch):
+def test_fits_are_those_of_slopes_csv(cli, committed_folder, monkeypatch):
     """Slope, range, prediction, verdict below each series; the JSON has the same."""
     monkeypatch.setenv("COLUMNS", "120")
-    cli("run", "pendulum-u")
+    for name in ("pendulum-u.csv", "pendulum-u.json"):
+        cli.write(f"results/{name}", (committed_folder / name).read_text())
     cli("plot", "1")
     rows = rows_in(cli.folder / "results/slopes.csv")
     fits = {(row["measure"], row["quantity"], row["preconditioning"]): row for row in rows}
@@ -100,15 +99,6 @@ def test_zeros_statuses_and_holes(cli):
     ]
 
 
-def test_series_at_the_start_and_along_a_run(cli):
-    """Two series of one table, told apart by where they were measured."""
-    rows = {"measure": "condition", "quantity": "jacobian"}
-    table = series(power(-4), **rows) + series(power(-4), steps=0, **rows)
-    write(cli, table)
-    lines = tables(cli("show", "own").stdout)
-    assert ["h", "along the run", "start"] in lines
-
-
 def test_recovered_fields_only_when_asked_for(cli, quick):
     """By default the unknowns of the form; --quantity a shows what was recovered."""
     cli("run", "quick.yaml")
@@ -119,40 +109,6 @@ def test_recovered_fields_only_when_asked_for(cli, quick):
     shown = cli("show", "quick", "--quantity", "a").stdout
     assert "Δa (physical)" in shown
     assert "Δu" not in shown
-
-
-@pytest.mark.parametrize(
-    ("options", "names"),
-    [
-        (["--integrator", "trapezoidal"], {("newmark beta=0.25 gamma=0.5", "andrews")}),
-        (["--integrator", "generalized-alpha"], {(DAMPED, "swing.yaml")}),
-        (["--problem", "swing"], {(DAMPED, "swing.yaml")}),
-        (["--problem", "andrews", "--quantity", "u"], set()),
-        (
-            ["--quantity", "λ", "--problem", "swing", "--problem", "andrews"],
-            {("newmark beta=0.25 gamma=0.5", "andrews"), (DAMPED, "swing.yaml")},
-        ),
-    ],
-)
-def test_choosers(cli, options, names):
-    """Values of the CSV, and the short names of problems, integrators and quantities."""
-    write(cli, series(power(-2)) + series(power(-2), problem="swing.yaml", integrator=DAMPED))
-    if not names:
-        line = cli.refused("show", "own", *options)
-        assert line.endswith("--quantity: no series of 'u' in the results; allowed: lambda")
-        return
-    (study,) = json.loads(cli("show", "own", "--json", *options).stdout)
-    assert {(s["integrator"], s["problem"]) for s in study["series"]} == names
-
-
-def test_bad_names(cli):
-    write(cli, series(power(-2)), "swing")
-    for command in ("show", "check"):
-        line = cli.refused(command, "swin")
-        assert line.endswith("results: no results of 'swin'; did you mean 'swing'? allowed: swing")
-    line = cli.refused("show", "swing", "--form", "u-lambd")
-    assert line.endswith("'u-lambd' in the results; did you mean 'u-lambda'? allowed: u-lambda")
-    assert "no results" in cli.refused("show", "--results", "nowhere")
 
 
 def test_studies_of_a_folder(cli):
@@ -197,18 +153,6 @@ def test_check_of_one_study(cli):
     assert sorted(cli.folder.rglob("*")) == before
 
 
-def test_check_warns_of_what_it_cannot_judge(cli):
-    """Next to a series that passes: exit 0, one line on stderr.  Alone: exit 1."""
-    write(cli, conditions((1e-1, 1e-2)), "few")
-    warning = "newmark-study: warning: not judged: 1 undecided\n"
-    done = cli("check", code=1)
-    assert done.stderr == warning
-    assert done.stdout.endswith("1 undecided: nothing could be judged\n")
-    write(cli, conditions())
-    assert cli("check").stderr == warning
-    assert cli("check", "own").stderr == ""
-
-
 def test_remarks_are_not_endless(cli):
     """Twenty series are explained, all of them with --all; Markdown and JSON have none."""
     write(cli, [row for n in range(23) for row in series(power(-3), problem=f"p{n}")])
@@ -238,17 +182,6 @@ def test_tables_are_folded_not_cut(monkeypatch, columns):
     assert sorted(re.sub(r"[\s-]", "", printed)) == letters
     assert columns == "40" or "−2.05 ± 0.05" in printed
     assert "a heading of what is below" in printed.splitlines()
-
-
-def test_every_table_fits_a_pipe(cli):
-    """80 columns, or those of COLUMNS: checks, studies, comparisons."""
-    for name in ("10", "11", "12", "13"):
-        synthetic.write(cli.folder / "results", FIGURES[name])
-    for arguments in (["check", "--all"], ["show"], ["show", "error"], ["show", "krylov"]):
-        code = 1 if arguments[0] == "check" else 0
-        lines = cli(*arguments, code=code).stdout.splitlines()
-        assert len(lines) >= 7
-        assert max(map(len, lines)) <= 80, max(lines, key=len)
 
 
 def on_a_terminal(cli, *arguments, columns=100, stream="stdout", **environment):

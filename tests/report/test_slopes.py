@@ -167,6 +167,14 @@ def test_singular_positions_and_rest_are_told(tmp_path):
         assert told == ("singular" in facts)
 
 
+def test_multipliers_that_alternate_from_the_start_are_told(tmp_path):
+    """By what the integrator leaves of them after the steps of a run."""
+    rest = {"measure": "error", "quantity": "lambda", "integrator": "generalized-alpha rho=0.9"}
+    (slope,) = found(tmp_path, series((1e-2, 1e-3, 1e-4), steps=20, **rest))
+    assert slope.verdict == UNDECIDED
+    assert "λ still alternates from the start at h = 0.01: ρ∞ = 0.9 leaves" in slope.reason
+
+
 @pytest.mark.parametrize(("measure", "quantity"), [
     ("krylov_iterations", "jacobian"), ("krylov_residual", "jacobian"), ("history", "lambda"),
     ("tolerance", "newton"),
@@ -189,16 +197,6 @@ def test_shown(tmp_path, measure, quantity, status):
     assert predicted.verdict == PASS
 
 
-def test_tolerance_is_shown_as_the_share_of_steps(tmp_path):
-    """Steps that met it over all steps, an early end included."""
-    table = series((1, 1, 1), measure="tolerance", quantity="newton", stop="relative 1e-06")
-    for row, met in zip(table, (1000, 20, 0), strict=True):
-        row["met"] = met
-    (slope,) = found(tmp_path, table)
-    np.testing.assert_array_equal(slope.values, [1, 0.02, 0])
-    assert slope.stop == "relative 1e-06"
-
-
 def test_corrections_at_a_tolerance_are_shown(tmp_path):
     """Newton stops where it is told to, not where rounding ends it; J̄ is what it was."""
     table = []
@@ -206,15 +204,6 @@ def test_corrections_at_a_tolerance_are_shown(tmp_path):
         table += series(power(-0.7), measure=measure, stop="absolute 1e-08")
     table += series(power(-4), measure="condition", quantity="jacobian", stop="absolute 1e-08")
     assert [s.verdict for s in found(tmp_path, table)] == [SHOWN, SHOWN, PASS]
-
-
-def test_stagnated_cells_show_the_limit(tmp_path):
-    """The iterations that the solver was allowed, not the median of those that it took."""
-    table = series((80, 590), measure="krylov_iterations", quantity="jacobian")
-    table[1] |= {"status": "stagnated", "max": 600}
-    (slope,) = found(tmp_path, table)
-    np.testing.assert_array_equal(slope.values, [80, 600])
-    assert slope.statuses == ("ok", "stagnated")
 
 
 @pytest.mark.parametrize(
@@ -264,6 +253,19 @@ def test_cases_may_have_step_sizes_of_their_own(tmp_path, column, value, order, 
     """Forms, variants and quantities of a case have the same, or a series was cut."""
     short = series(power(order, STEPS[:2]), **{column: value})
     assert [s.verdict for s in found(tmp_path, series(power(-2)) + short)] == [PASS, verdict]
+
+
+def test_errors_may_have_fewer_step_sizes_and_need_one_end(tmp_path):
+    """They cost a reference; corrections along the way are not those of an end."""
+    values, error = {h: h**2 for h in STEPS}, {"measure": "error", "rounding": 1e-30}
+    table = series(values, quantity="u", **error) + series(power(-2))
+    table += series(dict([*values.items()][:3]), quantity="v", **error)
+    assert [s.verdict for s in found(tmp_path, table)] == [PASS] * 3
+    for row in table:
+        row["t_end"] = 1.0 if row["h"] > 1e-4 else 2.0
+    slopes = found(tmp_path, table)
+    assert [s.verdict for s in slopes] == [SHOWN, PASS, SHOWN]
+    assert slopes[0].reason == "taken at different times"
 
 
 def test_slopes_csv(tmp_path):

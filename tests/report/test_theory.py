@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import oracles
 import pytest
-from conftest import QUICK
 from covering import covering
 from marching import scheme_of, start
 from mpmath import mp
@@ -16,7 +15,7 @@ from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.perturbation import perturbation, sensitivities
-from newmark_cli.newmark.scaling import PAPER_VARIANTS, TABLE_2
+from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.report.judging.verdicts import PASS
 from newmark_cli.report.tables import paper_tables
 
@@ -52,35 +51,6 @@ def test_orders_are_laid_out_as_in_the_paper(cli):
     assert "Δb̄_D O(h⁻²), Δb̄_C O(h⁰)" in text
     assert "Δu O(h⁰), Δv* O(h⁻¹), Δa* O(h⁻²), Δλ O(h⁻²)" in text
     assert "C O(h⁻⁴)" in text
-
-
-def test_orders_as_json(cli):
-    """Every form and variant of the paper, structural zeros as null."""
-    found = json.loads(cli("orders", "--json").stdout)
-    assert [(f["form"], f["preconditioning"]) for f in found] == [
-        (form, variant) for form in FORMS for variant in PAPER_VARIANTS
-    ]
-    three = next(f for f in found if f["form"] == "u-v-lambda" and f["preconditioning"] == "none")
-    assert three["jacobian"] == {  # eq. 21
-        "D": {"u": 0, "v": -1, "lambda": 0},
-        "K": {"u": 0, "v": 1, "lambda": None},
-        "C": {"u": 0, "v": None, "lambda": None},
-    }
-    assert three["inverse"] == {  # eq. 23
-        "u": {"D": 2, "K": 0, "C": 0},
-        "v": {"D": 1, "K": -1, "C": -1},
-        "lambda": {"D": 0, "K": -2, "C": -2},
-    }
-    assert three["condition"] == -3
-    assert three["physical_correction"]["a"] == {"order": -2, "role": "recovered"}
-
-
-def test_orders_of_a_config(cli):
-    """A scaling of one's own is predicted without code."""
-    cli.write("own.yaml", QUICK.replace("[none, optimal]", "{name: mine, right: {lambda: 1/h}}"))
-    (found,) = json.loads(cli("orders", "--config", "own.yaml", "--json").stdout)
-    assert found["correction"] == {"u": 0, "lambda": -1}
-    assert found["condition"] == -3
 
 
 def test_derive_in_the_terminal(cli):
@@ -127,21 +97,6 @@ def test_sensitivities_are_columns_of_the_inverse(name, form, variant):
                 block = [change[i] for i, c in enumerate(column_names) if c == unknown[:6]]
                 exact = float(mp.norm(mp.matrix(block), 2))
                 assert found[row, unknown] == pytest.approx(exact, rel=1e-9, abs=0), (row, unknown)
-
-
-def test_sensitivity_study(cli):
-    """A config with measure: sensitivity runs and is checked."""
-    cli("run", "sensitivity")
-    found = json.loads(cli("check", "--json").stdout)
-    assert len(found) == 2 * 16
-    by_block = {
-        (r["preconditioning"], r["quantity"], r["row_block"]): (r["slope"], r["expected"])
-        for r in found
-    }
-    assert by_block["none", "u", "D"] == (pytest.approx(2, abs=0.05), 2)
-    assert by_block["none", "lambda", "C"] == (pytest.approx(-2, abs=0.05), -2)
-    assert by_block["optimal", "lambda", "C"] == (pytest.approx(0, abs=0.05), 0)
-    assert by_block["none", "u", "V"] == (None, 2), "exactly 0: Andrews has no damping"
 
 
 @pytest.fixture(scope="module")

@@ -84,6 +84,21 @@ GARBAGE = {"values": [0.75, 1.9, 1.15], "h": [1e-3, 3e-4, 1e-4]}
 HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5, 2e-5]}
 
 
+def scattered(values, expected, h=None, **rest):
+    """Corrections, of which blocks of steps and the place between powers of two tell 0.2."""
+    values = np.array(values, float)
+    return evidence(
+        values, h, 0.2 * values, kind="rounding", expected=expected, tolerance=0.15, **rest
+    )
+
+
+def condition(orders, expected, values=(), **rest):
+    values = np.array(values or 10.0 ** np.cumsum([0.0, *(-order for order in orders)]))
+    rest = {"tolerance": 0.05} | rest
+    rest = {name: np.array(each) for name, each in rest.items()}
+    return evidence(values, kind="determined", expected=expected, **rest)
+
+
 @pytest.mark.parametrize(("said", "given", "verdict", "reason"), [
     ("it converges to something else",
      evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-6, 2.2e-6]), NOT_CONVERGING, "does not fall with h.*"),
@@ -132,12 +147,46 @@ HEAVY_TOP = {"values": [1.2e-2, 5.7e-4, 7.8e-6, 8.0e-6], "h": [2e-4, 1e-4, 5e-5,
      "2 usable step sizes, .*"),
     ("an error that changes its sign is no order",
      evidence(**HEAVY_TOP), UNDECIDED, ".*"),
+    ("where rounding may rule nothing is fitted, though it rules only further on",
+     evidence([1e-2, 1e-4, 1e-6, 5e-7, 4e-7], rounding=[0, 0, 0, 1e-7, 3e-7]), PASS,
+     "rounding may rule below h = 0.0001, rules below h = 1e-05"),
+    ("multipliers that alternate from the start have no order yet",
+     evidence([1e-2, 1e-3, 1e-4], steps=np.array([10, 100, 1000]), fading=0.9), UNDECIDED,
+     r"λ still alternates from the start at h = 0\.01: .*"),
+    ("a curve far from the order that theory predicts has none",
+     evidence([1e-2, 1e-3, 3e-5], expected=5.0), UNDECIDED, ".*the order still changes with h.*"),
+    ("but misses one that somebody has written", evidence([1e-2, 1e-3, 3e-5], expected=5.0,
+     written=True), MISS, r"slope 1\.26 .*"),
     # A reference that could not be had leaves an empty error.
     ("no value is incomplete", evidence([NAN, NAN, NAN]), INCOMPLETE, ".*"),
     ("iterations and histories are shown",
      evidence([1, 2, 3], kind="determined", expected=NAN), SHOWN, ""),
+    # Of corrections and condition numbers, which are no errors.
+    # As the pendulum's corrections do.
+    ("scatter about an order passes", scattered([5e-9, 4e-7, 6e-5, 5e-3], -2.0), PASS, ""),
+    ("flat is no order −2", scattered([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0), MISS, ".*"),
+    ("nor is −2.6", scattered([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0), MISS, ".*"),
+    ("three points as predicted do not hide a fourth a thousand times too large",
+     scattered([1e-12, 1e-10, 1e-8, 1e-3], -2.0), UNDECIDED, ".*the order still changes.*"),
+    ("places between powers of two are no miss over half a decade",
+     scattered([1.0, 4.4, 32.7], -2.0, h=[0.1, 0.05, 0.02]),
+     UNDECIDED,
+     r"slope −2\.17 \(interval −2\.52 to −1\.82\): h over 2 decades or more would decide"),
+    # They have no logarithm, and are not silently dropped.
+    ("zeros are counted", scattered([0, 0, 1e-16], 0.0), UNDECIDED,
+     ".*; 2 of 3 values are exactly 0"),
+    ("also where there are few",
+     scattered([0, 1e-16, 1e-16, 1e-16], 0.0), PASS, "1 of 4 values are exactly 0"),
+    ("a head of corrections is left out, as the largest step does not resolve a stiff spring",
+     scattered([9.3e-15, 6.2e-17, 6.5e-17, 8.1e-17, 6.9e-17, 5.9e-17], 0.0,
+               h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]), PASS, "order shows from h = 0.01"),
+    ("a crossover is on its way", condition([-2.0, -2.1, -2.7], -3.0), UNDECIDED, ".*"),
+    ("multipliers that drift in the matrix decide nothing",
+     condition([-2.0, -2.0, -2.34], -2.0), UNDECIDED, ".*"),
+    ("(u, v, λ) without scaling: the last two local orders are the predicted one",
+     condition([-2.65, -2.989, -2.9997], -3.0), PASS, "order shows from h = 0.001"),
 ])  # fmt: skip
-def test_verdicts_on_errors(said, given, verdict, reason):
+def test_verdicts(said, given, verdict, reason):
     require(given, verdict, reason)
 
 
@@ -197,6 +246,8 @@ def test_what_ought_to_be_rounding():
     require(evidence([0, 0, 0], rounding=0, **exact), PASS)
     require(evidence([2e-16, 3e-16, 2e-14], rounding=1e-16, **exact), MISS, "more than rounding.*")
     require(evidence([2e-16, 3e-16, 2e-16], rounding=NAN, **exact), UNDECIDED)
+    singular = evidence([2e-16, 3e-16, 2e-14], rounding=1e-16, irregular="singular", **exact)
+    require(singular, UNDECIDED, "more than rounding.*; singular")
 
 
 def test_a_head_is_left_out():
@@ -242,64 +293,6 @@ def test_units_of_time_do_not_matter(logs, power):
     given = evidence(values, rounding=1e-3 * values)
     scaled = replace(given, h=2.0**power * given.h)
     assert judge(given).verdict == judge(scaled).verdict
-
-
-def scattered(values, expected, h=None, **rest):
-    """Corrections, of which blocks of steps and the place between powers of two tell 0.2."""
-    values = np.array(values, float)
-    return evidence(
-        values, h, 0.2 * values, kind="rounding", expected=expected, tolerance=0.15, **rest
-    )
-
-
-@pytest.mark.parametrize(("said", "given", "verdict", "reason"), [
-    # As the pendulum's corrections do.
-    ("scatter about an order passes", scattered([5e-9, 4e-7, 6e-5, 5e-3], -2.0), PASS, ""),
-    ("flat is no order −2", scattered([1e-9, 1.1e-9, 0.9e-9, 1e-9], -2.0), MISS, ".*"),
-    ("nor is −2.6", scattered([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0), MISS, ".*"),
-    ("three points as predicted do not hide a fourth a thousand times too large",
-     scattered([1e-12, 1e-10, 1e-8, 1e-3], -2.0), UNDECIDED, ".*the order still changes.*"),
-    ("places between powers of two are no miss over half a decade",
-     scattered([1.0, 4.4, 32.7], -2.0, h=[0.1, 0.05, 0.02]),
-     UNDECIDED,
-     r"slope −2\.17 \(interval −2\.52 to −1\.82\): h over 2 decades or more would decide"),
-    # They have no logarithm, and are not silently dropped.
-    ("zeros are counted", scattered([0, 0, 1e-16], 0.0), UNDECIDED,
-     ".*; 2 of 3 values are exactly 0"),
-    ("also where there are few",
-     scattered([0, 1e-16, 1e-16, 1e-16], 0.0), PASS, "1 of 4 values are exactly 0"),
-])  # fmt: skip
-def test_verdicts_on_corrections(said, given, verdict, reason):
-    require(given, verdict, reason)
-
-
-def test_a_head_of_corrections_is_left_out():
-    """A stiff spring is not resolved by the largest step."""
-    found = judge(scattered([9.3e-15, 6.2e-17, 6.5e-17, 8.1e-17, 6.9e-17, 5.9e-17], 0.0,
-                            h=[3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4]))  # fmt: skip
-    assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.01")
-
-
-def condition(orders, expected, values=(), **rest):
-    values = np.array(values or 10.0 ** np.cumsum([0.0, *(-order for order in orders)]))
-    rest = {"tolerance": 0.05} | rest
-    rest = {name: np.array(each) for name, each in rest.items()}
-    return evidence(values, kind="determined", expected=expected, **rest)
-
-
-@pytest.mark.parametrize(("said", "given", "verdict"), [
-    ("a crossover is on its way", condition([-2.0, -2.1, -2.7], -3.0), UNDECIDED),
-    ("multipliers that drift in the matrix decide nothing",
-     condition([-2.0, -2.0, -2.34], -2.0), UNDECIDED),
-])  # fmt: skip
-def test_verdicts_on_condition_numbers(said, given, verdict):
-    require(given, verdict)
-
-
-def test_a_crossover_at_coarse_h():
-    """(u, v, λ) without scaling: the last two local orders are the predicted one."""
-    found = judge(condition([-2.65, -2.989, -2.9997], -3.0))
-    assert (found.verdict, found.reason) == (PASS, "order shows from h = 0.001")
 
 
 def test_a_block_that_a_problem_lacks():

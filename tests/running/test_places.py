@@ -4,7 +4,6 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
-import numpy as np
 import pytest
 
 from newmark_cli.mechanisms.spec import Shipped
@@ -95,18 +94,6 @@ def test_work_of_an_ended_run_ends():
     places.stop()
     with pytest.raises(NoReference, match=r"no reference at t = 0\.4: Stopped"):
         runner._solution(spec, 0.4, None, places)
-
-
-def test_a_reference_beside_is_the_one_from_here(old):
-    """The same numbers, and the same words where it takes too long."""
-    places, spec = Places(), Shipped("slider-crank")
-    direct = runner._solution(spec, 0.1, None, places)
-    with places._here:
-        beside = runner._solution(spec, 0.1, None, places)
-        with pytest.raises(NoReference, match="no reference at t = 30: took longer than 1e-09 s"):
-            runner._solution(spec, 30.0, 1e-9, places)
-    assert np.array_equal(direct.u, beside.u)
-    assert direct.v_error == beside.v_error
 
 
 def test_a_reference_is_computed_once_whoever_asks(tmp_path):

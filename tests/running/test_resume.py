@@ -70,17 +70,6 @@ def test_a_second_run_computes_nothing(cli, quick):
     assert csv(cli.folder / "results") == first
 
 
-def test_only_what_is_new_runs(cli, quick):
-    """Another h, another study with the same cells: what is kept is not computed again."""
-    cli("run", "quick.yaml")
-    quick.write_text(QUICK.replace("[1e-1, 1e-2]", "[1e-1, 1e-2, 1e-3]"))
-    found, last = reasons(cli)
-    assert found == ["done, ok", "done, ok", "to run: not run yet"] * 2
-    assert last == "2 of 6 cells to run"
-    cli.write("other.yaml", QUICK.replace("study: quick", "study: other"))
-    assert "(4 cached)" in cli("run", "other.yaml").stdout
-
-
 def test_dry_runs_say_why(cli):
     """Another problem of the same name, other libraries, another core, a damaged file."""
     cli.write("rod.yaml", ROD)
@@ -284,19 +273,6 @@ def test_references_that_come_at_last(cli):
 
 
 CAPPED = QUICK + "iteration_cap: 1\nmeasure: correction\n"
-
-
-def test_reasons_are_told_once_for_each(cli):
-    cli.write("quick.yaml", CAPPED)
-    complaint = (
-        "newmark-study: quick: 4 of 4 cells ended with status not_converged, at h = 0.1, 0.01; a "
-        "smaller h may help\n"
-    )
-    for option in ("-q", "--fail-fast", "-v"):
-        assert complaint in cli("run", "quick.yaml", option, code=1).stderr
-    assert cli("run", "quick.yaml", "-q", code=1).stderr == complaint
-    cli.write("quick.yaml", CAPPED + "accept: not_converged\n")
-    assert cli("run", "quick.yaml", "-q").stderr == ""
 
 
 def test_what_is_accepted_is_not_part_of_a_cell(cli):

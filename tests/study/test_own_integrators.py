@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 import newmark_cli as newmark
 from newmark_cli.newmark import own_integrator
@@ -22,7 +21,6 @@ from newmark_cli.newmark.integrator import (
 from newmark_cli.newmark.integrator_labels import parse, plain_label
 from newmark_cli.study.axes import means, named
 
-EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 MINE = """
 import numpy as np
 
@@ -79,9 +77,9 @@ CONFIG = """
 study: own
 problem: pendulum
 integrator: [%s]
-form: [u-lambda, v-lambda, a-lambda, u-v-lambda, u-a-lambda, v-a-lambda, u-v-a-lambda]
+form: [u-lambda, a-lambda, u-v-a-lambda]
 preconditioning: optimal
-formulation: [index-3, index-2, ggl]
+formulation: [index-3, ggl]
 h: [1e-2, 5e-3, 2e-3]
 t_end: 0.3
 evaluation: compensated
@@ -143,29 +141,7 @@ def test_legends_have_six_digits_by_which_a_member_is_found():
     assert means("integrator", text, label)
 
 
-def test_a_published_comparison_has_the_ratios_of_the_eigenvalues():
-    """Energy that 100 periods lose, from the amplification matrices of a linear oscillator."""
-    study = yaml.safe_load((EXAMPLES / "dissipation-study.yaml").read_text(encoding="utf-8"))
-    bossak, hht, chung = study["integrator"]
-    alpha, rho = hht["alpha"], chung["rho"]
-    members = [bossak, {"alpha_m": 0, "alpha_f": alpha, "gamma": 0.5 + alpha,
-                        "beta": (1 + alpha) ** 2 / 4}]  # fmt: skip
-    members.append({"alpha_m": (2 * rho - 1) / (rho + 1), "alpha_f": rho / (rho + 1)})
-    members[2]["gamma"] = 0.5 - members[2]["alpha_m"] + members[2]["alpha_f"]
-    members[2]["beta"] = (members[2]["gamma"] + 0.5) ** 2 / 4
-    for h in study["h"]:
-        size, lost = (2 * np.pi * h) ** 2, []
-        for of in members:
-            left = [[1, 0, -of["beta"]], [0, 1, -of["gamma"]],
-                    [size * (1 - of["alpha_f"]), 0, 1 - of["alpha_m"]]]  # fmt: skip
-            right = [[1, 1, 0.5 - of["beta"]], [0, 1, 1 - of["gamma"]],
-                     [-size * of["alpha_f"], 0, -of["alpha_m"]]]  # fmt: skip
-            values = np.linalg.eigvals(np.linalg.solve(left, right))
-            lost.append(1 - abs(values[values.imag > 0]).max() ** (2 * study["t_end"] / h))
-        for expect, ratio in zip(study["expect"][1:], np.divide(lost[:2], lost[1:]), strict=True):
-            assert expect["at_least"] < ratio < expect["at_most"]
-
-
+@pytest.mark.usefixtures("few_draws")
 def test_advice_takes_a_class(cli, own):
     """Condition numbers are those of the member that the class is."""
     own("mine.py:Bossak")
@@ -188,7 +164,7 @@ def test_advice_takes_a_class(cli, own):
 
 
 def test_a_class_is_a_method_of_a_study(cli, own):
-    """Orders of seven forms and three formulations are predicted; `check` runs no code."""
+    """Orders of three forms and two formulations are predicted; `check` runs no code."""
     config = own(
         "mine.py:Bossak", "mine.py:Off", "alpha beta=0.3025 gamma=0.6 alpha_m=-0.1 alpha_f=0"
     )
@@ -203,7 +179,7 @@ def test_a_class_is_a_method_of_a_study(cli, own):
     ours, theirs = (
         frame[label == name].set_index(keys)["max"] for name in ("mine.py:Bossak", "alpha")
     )
-    assert len(ours) == 7 * 3 * 3 * 3
+    assert len(ours) == 3 * 2 * 3 * 3
     assert np.allclose(ours.to_numpy(), theirs[ours.index].to_numpy(), rtol=1e-4, atol=1e-12)
     # Orders of γ = 0.61 are told from 1 only at smaller step sizes: they are no miss.
     assert "as predicted" in cli("check").stdout
@@ -211,14 +187,14 @@ def test_a_class_is_a_method_of_a_study(cli, own):
 
 def test_a_changed_class_is_another_integrator(cli, own):
     config = own("mine.py:Bossak")
-    Path(config).write_text(Path(config).read_text().replace("[index-3, index-2, ggl]", "index-3"))
+    Path(config).write_text(Path(config).read_text().replace("[index-3, ggl]", "index-3"))
     digests = set()
     for beta in ("0.3025", "0.31", "0.3025"):
         Path("mine.py").write_text(MINE.replace("0.3025", beta))
         done = cli("run", config, "--allow-code")
         digests.add(Path("results/own.csv").read_text().split("digest=")[1][:12])
     assert len(digests) == 2
-    assert "21 cached" in done.stdout + done.stderr
+    assert "9 cached" in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(
@@ -239,14 +215,6 @@ def test_what_is_no_integrator_is_refused_in_a_line(cli, own, name, said):
     assert "own.yaml, line 4: integrator" in done.stderr
     assert said in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def test_a_parameter_beside_a_class_is_told_whose_it_is(cli, own):
-    done = cli("validate", own("{method: 'mine.py:Bossak', rho: 0.9}"), "--allow-code", code=2)
-    assert done.stderr.endswith(
-        "rho: is not a parameter of mine.py:Bossak, which has no parameters; it belongs to "
-        "generalized-alpha: {method: generalized-alpha, rho: 0.9}\n"
-    )
 
 
 class Bossak:
@@ -277,11 +245,3 @@ def test_the_library_takes_a_class_or_an_object():
     assert np.allclose(found.u, wanted.u, rtol=1e-14)
     with pytest.raises(IntegratorError, match="takes steps of one size, as w and nu"):
         newmark.march("pendulum", integrator=TwoSteps, **changing)
-
-
-def test_a_class_moves_what_is_drawn(cli, own):
-    own("mine.py:Bossak")
-    command = ("draw", "pendulum", "--at", "0.1", "--h", "0.01", "--integrator", "mine.py:Bossak")
-    cli(*command, "--allow-code")
-    assert list(Path().rglob("*.png"))
-    assert "--allow-code" in cli(*command, code=2).stderr

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 import shutil
 import sys
 from pathlib import Path
@@ -161,20 +160,6 @@ def ran(cli):
     cli.write("swing.yaml", STUDY)
     cli("run", "swing.yaml")
     return cli
-
-
-def test_kept_cells_write_the_same_file(ran):
-    """The same bytes when resumed; the record has its checksum."""
-    path = ran.folder / "results/trajectory/swing.csv"
-    before = path.read_bytes()
-    path.unlink()
-    assert "4 cached" in ran("run", "swing.yaml").stdout
-    assert path.read_bytes() == before
-    record = json.loads((ran.folder / "results/swing.json").read_text())
-    assert set(record["sha256"]) == {"swing.csv", "trajectory/swing.csv"}
-    assert record["config"]["cases"][0]["trajectory"] == {
-        "every": 30, "keep": ["u", "v", "a", "lambda", "energy", "output"]
-    }  # fmt: skip
 
 
 def test_parquet_has_the_same_bits(ran):
