@@ -66,10 +66,7 @@ def andrews_error(*arguments, **options):
 
 @pytest.mark.parametrize(("formulation", "projection"), covering(CONVERGENT, PROJECTIONS))
 def test_order_two_with_every_formulation_and_projection(formulation, projection):
-    """Generalized-α: u, v and the recovered λ of a motion that does not start from rest.
-
-    λ may fall faster where its first terms nearly cancel; it never falls slower.
-    """
+    """Generalized-α: u, v and the recovered λ of a motion that does not start from rest."""
     steps = (5e-3, 2.5e-3)
     errors = thrown_errors(
         steps, formulation, GeneralizedAlpha(0.8), projection=projection, reported=RECOVERED

@@ -93,10 +93,7 @@ def interpreted_march(subject, scheme, state, counts):
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_the_march_computes_in_its_precision(precision):
-    """Compiled and interpreted it takes the same steps bit by bit.
-
-    One test of each precision: of workers that share it each would compile the whole march.
-    """
+    """Compiled and interpreted it takes the same steps bit by bit."""
     subject = problem("four-bar")
     for case in covering(
         METHODS, FORMS, EVALUATIONS, ["none", "velocity", "position-velocity accelerations"],

@@ -76,11 +76,7 @@ PLANAR = ["pendulum", "andrews", "four-bar", "slider-crank", "shaken-pendulum"]
     ],
 )
 def test_solutions_are_right_whatever_the_scaling(solve, name, form, variant, h):
-    """To rounding times the condition of the optimally scaled matrix, down to h = 1e-7.
-
-    Unscaled too, where partial pivoting of forms with row K is not, and orders of elimination
-    that reduce fill alone leave errors of 1.
-    """
+    """To rounding times the condition of the optimally scaled matrix, down to h = 1e-7."""
     subject, scheme = subject_of(name), scheme_of(form, variant, h)
     state = in_motion(subject)
     values, system = values_of(subject, state), SparseSystem(subject, scheme)

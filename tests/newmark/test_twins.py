@@ -59,12 +59,7 @@ def largest_off(exact, found, name):
     ("compensated", 1e-3, 1.0),
 ])  # fmt: skip
 def test_twins_tell_rounding_to_a_factor(evaluation, h, angle):
-    """Of u, v and λ at the end of a swing: the true rounding is rarely ten times as large.
-
-    Φ of the start is carried as 0 in compensated evaluation, and so no part of what they tell.  A
-    march without rounding that asks for Φ = 0 itself puts in its first step right what the last
-    places of u₀ miss, which alternates in λ for good and may be a hundred times as much.
-    """
+    """Of u, v and λ at the end of a swing: the true rounding is rarely ten times as large."""
     compensated = evaluation == "compensated"
     found, without_rounding = swung(h, angle, evaluation=evaluation)
     exact, ends = without_rounding(keeps=compensated), {n: x[-1] for n, x in found.arrays.items()}
@@ -115,10 +110,7 @@ t_end: 0.5
 
 
 def test_the_column_rounding(tmp_path):
-    """Errors as `march` tells them; corrections by blocks; of condition numbers nothing.
-
-    Another number of twins changes nothing else; none leaves the column empty.
-    """
+    """Errors as `march` tells them; corrections by blocks; of condition numbers nothing."""
     keys, frames = ["h", "measure", "quantity"], {}
     for name, more in (("usual", ""), ("none", "twins: 0\n"), ("five", "twins: 5\n")):
         (tmp_path / "swing.yaml").write_text(STUDY + more)

@@ -12,10 +12,7 @@ from newmark_cli.problems.index_1 import Index1
 
 
 def wavy_definition(decorate=lambda function: function, given=()):
-    """A bead on a wavy floor that moves: Φ is neither quadratic nor free of time.
-
-    Its functions return arrays, lists, tuples, and lists and tuples of these.
-    """
+    """A bead on a wavy floor that moves: Φ is neither quadratic nor free of time."""
 
     @decorate
     def force(u, v, t):

@@ -140,36 +140,3 @@ def test_mistakes_are_named(tmp_path, old, new, words):
     assert "mine.py" in text
     assert words in text, text
     assert "\n" not in text
-
-
-LISTS = """
-from newmark_cli.problems.python_problem import Definition
-def factory(decorate=lambda function: function):
-    @decorate
-    def force(u, v, t): return [0.0 * t, -1.0]
-    @decorate
-    def constraints(u, t): return ((u[0] * u[0] + u[1] * u[1] - 1) / 2,)
-    @decorate
-    def gradient(u, t): return [[u[0]], [u[1]]]
-    @decorate
-    def stiffness(u, v, multipliers, t): return ((-multipliers[0], 0.0), (0.0, -multipliers[0]))
-    @decorate
-    def damping(u, v, t): return [[0, 0], [0, 0]]
-    return Definition(
-        mass_matrix=[[1, 0], [0, 1]], u0=(1, 0), v0=[0, 0], force=force, constraints=constraints,
-        gradient=gradient, stiffness=stiffness, damping=damping,
-    )
-"""
-
-
-def test_lists_and_tuples_are_converted(tmp_path):
-    """Of numbers, whole ones too: terms are those of arrays.  `test_constraint_rows` compiles."""
-    path = write(tmp_path, LISTS)
-    plain, arrays = (
-        python_problem.load(path, "factory", {"decorate": decorate}, "mine")
-        for decorate in (lambda f: f, lambda f: lambda *at: np.array(f(*at), float))
-    )
-    assert plain.u0.dtype == plain.v0.dtype == plain.mass_values.dtype == np.float64
-    state = np.array([0.6, 0.8]), np.array([0.4, -0.3]), np.array([2.0])
-    for one, other in zip(*(each.evaluate(0.1, *state) for each in (plain, arrays)), strict=True):
-        np.testing.assert_array_equal(one, other)

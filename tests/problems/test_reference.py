@@ -7,7 +7,7 @@ import oracles
 import pytest
 from damaging import damaged
 from mechanisms import built
-from mpmath import ellipfun, lu_solve, matrix, mp, mpf
+from mpmath import ellipfun, mp, mpf
 
 from newmark_cli.codes.given_references import of_testset
 from newmark_cli.mechanisms.families import FAMILIES
@@ -84,23 +84,11 @@ ANDREWS = (
 
 def published():
     """Points and velocities of the published table, and λ by a system of its own."""
-    reference = oracles.andrews()
     with mp.workdps(oracles.DIGITS):
-        u, v = oracles.andrews_points(oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES)
-        _, g = reference.jacobian_terms(u, [0] * 7)
-        full, rhs = matrix(15, 15), matrix(15, 1)
-        # Φ is quadratic: its second difference along v is the curvature.
-        moved = [reference.phi([a + k * b for a, b in zip(u, v, strict=True)]) for k in (-1, 0, 1)]
-        for i, force in enumerate(reference.force(u, [0] * 7)):
-            rhs[i] = force
-            for j in range(8):
-                full[i, j] = reference.mass[i, j]
-            for k in range(7):
-                full[i, 8 + k], full[8 + k, i] = -g[i, k], g[i, k]
-        for k in range(7):
-            rhs[8 + k] = -(moved[0][k] - 2 * moved[1][k] + moved[2][k])
-        multipliers = list(lu_solve(full, rhs))[8:]
-    return [np.array(part, float) for part in (u, v, multipliers)]
+        points = oracles.andrews_points(oracles.REFERENCE_ANGLES, oracles.REFERENCE_RATES)
+    u, v = (np.array(part, float) for part in points)
+    multipliers = oracles.index_1(problem("andrews"), 0.03, u, v)[1]
+    return [u, v, multipliers]
 
 
 def test_andrews():

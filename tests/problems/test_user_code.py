@@ -167,10 +167,7 @@ def swing(force):
 
 
 def test_failures_name_the_line(cli):
-    """The innermost of the user's own, by the names that the user knows; in one line each.
-
-    Until then it is well, compiled or not.
-    """
+    """The innermost of the user's own, by the names that the user knows; in one line each."""
     cli.write("own/mine.py", FAILS)
     cli.write("own/parts/one.py", "\n\ndef divided(t):\n    return 1.0 / (t < 0.5)\n")
     forces = ["plain", "beside", "compiled"]

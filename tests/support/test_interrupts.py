@@ -35,10 +35,7 @@ def python(code, **options):
 
 
 def test_interrupts_while_modules_are_imported(tmp_path):
-    """From the first import of a command on: one line, and the code of the signal.
-
-    The console script begins in `console`, which imports nothing of the commands.
-    """
+    """From the first import of a command on: one line, and the code of the signal."""
     assert "from newmark_cli.console import main" in SCRIPT.read_text()
     code = """
     class Finder:
@@ -127,10 +124,7 @@ def test_callers_in_python_keep_their_handlers():
 
 
 def test_ignored_signals_stay_ignored(cli):
-    """Under nohup, or in the background of a script, only SIGTERM ends a run.
-
-    It goes to all processes of a terminal; the run answers, in one line.
-    """
+    """Under nohup, or in the background of a script, only SIGTERM ends a run."""
     write_swings(cli, "hang")
     ignored = (signal.SIGINT, signal.SIGHUP)
 
