@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 import textbook
 from damped import damped
+from hypothesis import given
+from hypothesis import strategies as st
 from marching import ENGINES, EPS, STEP, formulated, in_python, march
 from mpmath import mp, mpf
 
 import newmark_cli as newmark
 from newmark_cli.mechanisms.registry import SHIPPED, problem
+from newmark_cli.newmark import kernel
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.newmark.march import initial_state
@@ -41,6 +44,23 @@ MARCHED = ["pendulum", "andrews", "slider-crank", "heavy-top", "undriven"]
 STEPS_OF = {**{name: h for name, h in STEP.items() if name != "shaken-pendulum"}, "undriven": 1e-3}
 
 # Exactness
+
+
+NUMBERS = st.floats(-1e200, 1e200)
+
+
+@given(NUMBERS, NUMBERS, NUMBERS)
+def test_sums_lose_one_rounding(high, low, increment):
+    """The new sum is high + (low + increment rounded), exactly; its low part is below half an ulp.
+
+    Rationals know no rounding.
+    """
+    added = low + increment
+    total, lows = np.empty(1), np.array([low])
+    kernel._add_exactly(np.array([high]), lows, np.array([increment]), total)
+    assert Fraction(total[0]) + Fraction(lows[0]) == Fraction(high) + Fraction(added)
+    assert total[0] == high + added
+    assert abs(lows[0]) <= np.spacing(abs(total[0])) / 2
 
 
 def exactly(values):

@@ -20,7 +20,7 @@ from newmark_cli.newmark.linear.written.static import StaticSystem
 from newmark_cli.newmark.march import March
 from newmark_cli.newmark.march_data import PIVOTING
 
-SIZES = {"chain": ("random-chain", "links", 60), "bars": ("four-bars", "windows", 20)}
+SIZES = {"chain": ("random-chain", "links", 20), "bars": ("four-bars", "windows", 20)}
 
 
 def subject_of(name):
@@ -34,14 +34,11 @@ def subject_of(name):
 @pytest.mark.parametrize(
     ("name", "form", "variant", "integrator", "evaluation", "h"),
     [
-        ("andrews", "u-lambda", "none", Newmark(), "direct", 1e-6),
         ("andrews", "u-v-a-lambda", "optimal", GeneralizedAlpha(0.9), "compensated", 1e-4),
-        ("four-bar", "v-lambda", "left", BDF2(), "compensated", 1e-6),
         ("shaken-pendulum", "a-lambda", "right", GeneralizedAlpha(0.5), "direct", 1e-4),
         ("chain", "u-v-lambda", "optimal", BDF2(), "direct", 1e-6),
         ("bars", "u-a-lambda", "optimal", Newmark(), "compensated", 1e-4),
         ("bricard", "u-lambda", "optimal", GeneralizedAlpha(0.9), "direct", 1e-6),
-        ("governor", "u-v-a-lambda", "optimal", GeneralizedAlpha(0.9), "compensated", 1e-4),
     ],
 )
 def test_marches_like_partial_pivoting(name, form, variant, integrator, evaluation, h):

@@ -7,6 +7,7 @@ from covering import covering
 from marching import ENGINES, march, scheme_of
 
 from newmark_cli.mechanisms.registry import problem
+from newmark_cli.newmark import newton
 from newmark_cli.newmark.march import initial_state
 from newmark_cli.newmark.scheme import Tolerance
 from newmark_cli.study import keys
@@ -104,6 +105,18 @@ def test_rule(subject, field, scaled, stop, cap, engine):
     np.testing.assert_allclose(state.fields[0], u, rtol=0, atol=1e-9 * np.abs(u).max())
     size = np.abs(multipliers).max()
     np.testing.assert_allclose(state.multipliers, multipliers, rtol=0, atol=1e-6 * size)
+
+
+@pytest.mark.parametrize(
+    ("changes", "met"),
+    [((0.9, 0.9, 0.9, 0.9), True), ((1.1, 1.1, 1.1, 1.1), False), ((1.9, 0, 0, 0), True),
+     ((0, 0, -2.1, 0), False)],
+)  # fmt: skip
+def test_the_size_of_a_change_is_a_root_mean_square(changes, met):
+    """Over the components, each over absolute + relative |now|."""
+    now = np.array([1.0, -20.0, 300.0, 0.0])
+    last = now - changes * (1e-6 + 1e-3 * np.abs(now))
+    assert newton._changed_little.py_func((1e-6, 1e-3), last, now) == met
 
 
 @pytest.mark.parametrize("engine", ENGINES)

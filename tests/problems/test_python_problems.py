@@ -49,24 +49,6 @@ def test_plain_and_compiled_functions_march_alike():
         )
 
 
-def test_damping_by_differences_is_good():
-    """Y of a damper and of a drag that grows with the third power; both have X = −λ I."""
-    damper = np.array([[0.3, 0.1], [-0.2, 0.5]])
-    subject = python_problem.from_definition(
-        python_problem.Definition(
-            np.eye(2), np.array([1.0, 0.0]), np.zeros(2),
-            force=lambda u, v, t: -damper @ v - v**3,
-            constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-            gradient=lambda u, t: u[:, None],
-        ),
-        "damped",
-    )  # fmt: skip
-    v = np.array([0.0, 40.0])
-    terms = subject.evaluate(0.1, np.array([0.6, 0.8]), v, np.array([2.0]))
-    np.testing.assert_allclose(terms.Y, damper + 3 * np.diag(v**2), rtol=0, atol=1e-8)
-    np.testing.assert_allclose(terms.X, -2 * np.eye(2), rtol=0, atol=1e-8)
-
-
 GOOD = """
 import numpy as np
 class Problem:

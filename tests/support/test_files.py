@@ -131,8 +131,7 @@ def test_what_cannot_be_read_ends_in_a_line(cli, outside):
     cli.write("quick.yaml", STUDY)
     for name, kind, command in (
         ("quick.csv", "fifo", "check"), ("quick.csv", "link", "report"),
-        ("quick.json", "fifo", "show"), ("quick.json", "link", "check"),
-        ("quick.json", "endless", "show"),
+        ("quick.json", "link", "check"), ("quick.json", "endless", "show"),
     ):  # fmt: skip
         cli("run", "quick.yaml")
         special(kind, cli.folder / "results" / name, outside)
