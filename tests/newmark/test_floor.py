@@ -21,7 +21,7 @@ DAMPED = GeneralizedAlpha(0.9)
 INTEGRATORS = (Newmark(), DAMPED, BDF2())
 CASES = [
     *covering(SUBJECTS, FORMS, INTEGRATORS, ["direct"], ["float64", "float32"], ["index-3"]),
-    *covering([*SUBJECTS][:3], FORMS, INTEGRATORS, ["compensated"], ["float64"], ["index-3"]),
+    *covering([*SUBJECTS][:3], FORMS, INTEGRATORS, ["compensated"], ["float64"], ["index-3"])[::2],
     *(
         ("andrews", *how, "float64", formulation)
         for formulation in ("ggl", "index-2", "index-1", "baumgarte rate_h=0.5")

@@ -9,8 +9,10 @@ from mechanisms import built
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from newmark_cli.mechanisms import loading
 from newmark_cli.problems.reference import NoReference, relative_error, solution
 from newmark_cli.problems.singular import crossings
+from newmark_cli.support.documents import DocumentError, parse
 
 #: A crank and a rod of the same length: the slider passes the crank's pin.
 SLIDER_CRANK = """\
@@ -107,3 +109,38 @@ def test_crossings(value, expected):
         middle[:3] = np.diag([value(t), 0.9, 0.7])
         g.append(frames[0] @ turned @ middle @ frames[1].T)
     np.testing.assert_allclose(crossings(TIMES, np.array(g)), expected, atol=0.04)
+
+
+#: A slider-crank whose slider is driven away from where the linkage is nearly straight.
+DRIVEN = """\
+points: {{A: {{fixed: [0, 0]}}, B: {{at: [2, {off!r}]}}, C: {{at: [4, 0], mass: 1}}}}
+bodies:
+  crank: {{from: A, to: B, length: 2, mass: 1, centre: [0.1, 0], inertia: 0.1}}
+  rod: {{from: B, to: C, length: 2, mass: 1, centre: [0.1, 0], inertia: 0.1}}
+sliders: {{rail: {{point: C, through: [0, 0], direction: [1, 0]}}}}
+motions: {{push: {{point: C, x: {{rate: 1}}}}}}
+project_velocities: true
+{options}
+"""
+
+
+@pytest.mark.parametrize("options", ["", "assemble: true"])
+@pytest.mark.parametrize("off", [0.0, 1e-10, 1e-8])
+def test_driven_at_a_dead_centre(off, options):
+    """Refused with the line of a constraint, or started with velocities that fit it."""
+    document = parse(DRIVEN.format(off=off, options=options), "m.yaml")
+    problem, refusal = None, ""
+    try:
+        problem = loading.built("m.yaml", document)
+    except DocumentError as error:
+        refusal = str(error)
+    if problem is None:
+        assert re.fullmatch(r"m\.yaml, line [3-8]: [\w.]+: .*", refusal)
+        return
+    rate, _ = problem.constraint_derivatives(problem.t0, problem.u0, problem.v0)
+    values = problem.values(problem.t0, problem.u0, problem.v0, np.zeros(problem.m))
+    gradient = np.zeros((problem.n, problem.m))
+    np.add.at(gradient, (problem.pattern.g_rows, problem.pattern.g_columns), values.g)
+    assert abs(rate).max() == pytest.approx(1, rel=1e-12)
+    size = np.linalg.norm(gradient, axis=0) * max(abs(problem.v0).max(), 1)
+    assert np.all(abs(gradient.T @ problem.v0 + rate) <= 2e-9 * size)
