@@ -76,10 +76,15 @@ def test_twins_tell_rounding_to_a_factor(evaluation, h, angle):
         assert put_right == pytest.approx(missed * found.steps * 8 / h**2, rel=0.1)
 
 
-def test_twins_are_other_marches_of_the_same_problem():
+@pytest.mark.parametrize(
+    ("problem", "more"),
+    [("pendulum", {}), ("shaken-pendulum", {"h_sequence": {"change": 0.5, "at": 0.2}})],
+)
+def test_twins_are_other_marches_of_the_same_problem(problem, more):
     """They differ in the last places; what they differ by is the spread; the march is the march."""
-    options = {"h": 1e-2, "t_end": 0.5, "every": 25}
-    plain, found = (newmark.march("pendulum", **options, twins=count) for count in (0, 3))
+    options = {"h": 1e-2, "t_end": 0.5, "every": 25, **more}
+    plain, found = (newmark.march(problem, **options, twins=count) for count in (0, 3))
+    assert (found.energy is None) == (problem == "shaken-pendulum")
     np.testing.assert_array_equal(plain.u, found.u)
     assert len(plain.twins) == 0
     assert plain.rounding == {}
@@ -88,7 +93,7 @@ def test_twins_are_other_marches_of_the_same_problem():
         assert 0 < abs(twin.u - found.u).max() < 1e-13
     of_u = np.std([found.u, *(twin.u for twin in found.twins)], axis=0, ddof=1)
     np.testing.assert_array_equal(found.rounding["u"], of_u)
-    again = newmark.march("pendulum", **options, twins=3)
+    again = newmark.march(problem, **options, twins=3)
     np.testing.assert_array_equal(found.rounding["lambda"], again.rounding["lambda"])
 
 
