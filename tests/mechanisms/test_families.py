@@ -64,3 +64,20 @@ def test_four_bars_move_as_one_rod(windows):
     assert kinetic == pytest.approx((rods / 3 + couplers) / 2, rel=1e-12)
     weight = subject.evaluate(0.0, subject.u0, subject.v0, np.zeros(subject.m)).force
     assert weight.sum() == pytest.approx(-9.81 * (rods / 2 + couplers), rel=1e-12)
+
+
+def test_forces_in_a_net():
+    """What the ground gives and the weight together move the mass centre of all bars."""
+    net = Sized("spatial-grid", (("rows", 4), ("columns", 5))).load()
+    a, multipliers = Index1(net).accelerations(0.0, net.u0, net.v0)
+    values = net.outputs.values(net, 0.0, net.u0, net.v0, multipliers)
+    found = dict(zip(net.outputs.names, values, strict=True))
+    hung = np.array([[found[f"hang1.{j}.force.{c}"] for c in "xyz"] for j in range(1, 6)])
+    bars = net.n // 12
+    centres = a.reshape(-1, 12)[:, :3]
+    np.testing.assert_allclose(
+        centres.sum(axis=0) - hung.sum(axis=0), [0, 0, -bars], atol=1e-10 * bars
+    )
+    # The outer columns carry half as many ties.
+    assert hung[0] @ hung[0] < hung[1] @ hung[1]
+    assert np.abs(hung[0]).max() > 0.1
