@@ -30,7 +30,7 @@ CASES = [
 ]
 
 
-def quotients(subject, scheme, steps=300, states=10):
+def quotients(subject, scheme, steps=300, states=5):
     """Predicted over measured rms of every block that the march records."""
     # Compensated corrections are often exactly zero: few draws miss those that are not.
     samples = 32 if scheme.compensated else 16
