@@ -37,8 +37,8 @@ def test_memory_of_mistakes(tmp_path):
         tmp_path,
         f"title: &t {TEXT}\npoints: {{P: {{fixed: [0, 0]}}}}\nbars: "
         + flow(f"b{i}: {{from: *t, to: *t, length: 1}}" for i in range(900)),
-        f"cases:\n  - &c {flow(f'k{i}: &a{i} {TEXT[:30_000]}' for i in range(99))}\n"
-        + "  - *c\n" * 49,
+        f"cases:\n  - &c {flow(f'k{i}: &a{i} {TEXT[:30_000]}' for i in range(30))}\n"
+        + "  - *c\n" * 490,
     )
     for place in ("1.yaml, line 1", "2.yaml, line 2"):
         said = f"newmark-study: {place}: more than 4000000 characters with what aliases stand for"
