@@ -1,5 +1,7 @@
 """Problems of one's own, from the command line, in an empty folder."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import SWING
@@ -9,6 +11,9 @@ from PIL import Image
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.report.drawing import draw, draw_mechanism
 from newmark_cli.study import naming
+
+#: Files that tests of commands take, too.
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
 STUDY = """\
 study: mine
