@@ -211,91 +211,71 @@ def orders_of(matrix: np.ndarray) -> np.ndarray:
     return np.array([x.order for x in matrix.flat], float).reshape(matrix.shape)
 
 
-class Measured:
-    """Orders of a form in a formulation on one system.
+class Jacobian:
+    """J of a form in a formulation, block by block; of `Number` or of floats.
 
     Attributes:
         rows, unknowns: Blocks.
-        jacobian, inverse: (blocks, blocks) orders.
+        matrix: J.
     """
 
-    def __init__(self, system: System, form: str, formulation: str) -> None:
-        self._system, self._formulation = system, formulation
+    def __init__(self, system, form, formulation, h, rate, penalty) -> None:
+        self._system, self._h, self._rate, self._penalty = system, h, rate, penalty
+        self._one, self._zero = system.beta / system.beta, system.beta - system.beta
         self._kept, relations = LAYOUT[form]
-        constraints = CONSTRAINTS[formulation]
-        self.rows = ("D", *relations, *constraints)
+        self._constraints = CONSTRAINTS[formulation]
+        self.rows = ("D", *relations, *self._constraints)
         multipliers = ("lambda", "eta") if formulation == "ggl" else ("lambda",)
-        self.unknowns = (*self._kept, *(multipliers if constraints else ()))
-        table = oracles.FORMS[form][2](system.beta, system.gamma, H)
+        self.unknowns = (*self._kept, *(multipliers if self._constraints else ()))
+        table = oracles.FORMS[form][2](system.beta, system.gamma, h)
         #: (3, kept) u, v and a of the kept fields, and (3,) of Pη, worked out by hand.
+        plain = {0: self._zero, 1: self._one}
         self._weights = np.array(
-            [[x if isinstance(x, Number) else Number.of(x) for x in row] for row in table]
+            [[plain[x] if isinstance(x, int) else x for x in row] for row in table], object
         )
         self._of_eta = self._eliminated()
-        n, m = system.G.shape
-        sides = ([n if of in own else m for of in blocks] for own, blocks in (
-            ("DVK", self.rows), ("uva", self.unknowns),
-        ))  # fmt: skip
-        self._row_ends, self._ends = (np.cumsum(sizes)[:-1] for sizes in sides)
-        matrix = self._assembled()
-        self._inverse = inverse(matrix)
-        self.jacobian = self._least(matrix, self._row_ends, self._ends)
-        self.inverse = self._least(self._inverse, self._ends, self._row_ends)
+        self.matrix = self._assembled()
 
-    @staticmethod
-    def _least(matrix: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        orders = orders_of(matrix)
-        return np.array(
-            [[part.min() for part in np.split(band, columns, 1)] for band in np.split(orders, rows)]
-        )
+    def _zeros(self, rows: int, columns: int) -> np.ndarray:
+        return np.full((rows, columns), self._zero, object)
 
-    def _eliminated(self) -> list[Number]:
+    def _unit(self, n: int) -> np.ndarray:
+        return np.where(np.eye(n, dtype=bool), self._one, self._zero)
+
+    def _eliminated(self) -> list:
         """Coefficients of Pη: K reads u = β̃ a + Pη + …, whichever of u and a it eliminates."""
-        s = self._system
+        s, h, zero = self._system, self._h, self._zero
         if self._kept in ("v", "a", "va"):
-            return [ONE, ZERO, ZERO]
+            return [self._one, zero, zero]
         if self._kept == "u":
-            return [ZERO, -(s.gamma * H / (s.beta * H * H)), -(ONE / (s.beta * H * H))]
-        return [ZERO, ZERO, ZERO]
+            return [zero, -(s.gamma * h / (s.beta * h * h)), -(self._one / (s.beta * h * h))]
+        return [zero, zero, zero]
 
     def _derivatives(self, row: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of a row in u, v and a."""
-        s = self._system
+        s, h, rate = self._system, self._h, self._rate
         n, m = s.G.shape
-        two, none = Number.of(2), zeros(m, n)
+        two, none = self._one + self._one, self._zeros(m, n)
         if row == "D":
             stiffness = s.X
-            if not CONSTRAINTS[self._formulation]:
-                stiffness = stiffness + s.G @ s.G.T * self.penalty
+            if not self._constraints:
+                stiffness = stiffness + s.G @ s.G.T * self._penalty
             return stiffness, s.Y, s.M * s.c
         if row == "V":
-            return zeros(n, n), unit(n), unit(n) * -(s.gamma * H)
+            return self._zeros(n, n), self._unit(n), self._unit(n) * -(s.gamma * h)
         if row == "K":
-            return unit(n), zeros(n, n), unit(n) * -(s.beta * H * H)
+            return self._unit(n), self._zeros(n, n), self._unit(n) * -(s.beta * h * h)
         if row == "C":
             return s.G.T, none, none
         if row == "Cv":
             return s.A, s.G.T, none
         if row == "Ca":
             return s.Q, s.A * two, s.G.T * s.c
-        rate = self._rate
         return (
             s.Q + s.A * (two * rate) + s.G.T * (rate * rate),
             s.A * two + s.G.T * (two * rate),
             s.G.T * s.c,
         )
-
-    @property
-    def _rate(self) -> Number:
-        return ONE / H if "rate_h" in self._formulation else Number.of(1000)
-
-    @property
-    def penalty(self) -> Number:
-        """p of the augmented Lagrangian."""
-        factor = Number.of(5)
-        if "factor" in self._formulation:
-            factor = factor * self._system.c / (self._system.beta * H * H)
-        return factor
 
     def _assembled(self) -> np.ndarray:
         s, bands = self._system, []
@@ -306,12 +286,42 @@ class Measured:
                 for of_kept in self._weights.T
             ]
             if "lambda" in self.unknowns:
-                band.append(-s.G if row == "D" else zeros(len(fields[0]), s.G.shape[1]))
+                band.append(-s.G if row == "D" else self._zeros(len(fields[0]), s.G.shape[1]))
             if "eta" in self.unknowns:
                 pushed = sum_of(block * w for block, w in zip(fields, self._of_eta, strict=True))
                 band.append(pushed @ s.P - s.P if row == "K" else pushed @ s.P)
             bands.append(band)
         return np.block(bands)
+
+
+class Measured(Jacobian):
+    """Orders of a form in a formulation on one system.
+
+    Attributes:
+        jacobian, inverse: (blocks, blocks) orders.
+    """
+
+    def __init__(self, system: System, form: str, formulation: str) -> None:
+        rate = ONE / H if "rate_h" in formulation else Number.of(1000)
+        penalty = Number.of(5)
+        if "factor" in formulation:
+            penalty = penalty * system.c / (system.beta * H * H)
+        super().__init__(system, form, formulation, H, rate, penalty)
+        n, m = system.G.shape
+        sides = ([n if of in own else m for of in blocks] for own, blocks in (
+            ("DVK", self.rows), ("uva", self.unknowns),
+        ))  # fmt: skip
+        self._row_ends, self._ends = (np.cumsum(sizes)[:-1] for sizes in sides)
+        self._inverse = inverse(self.matrix)
+        self.jacobian = self._least(self.matrix, self._row_ends, self._ends)
+        self.inverse = self._least(self._inverse, self._ends, self._row_ends)
+
+    @staticmethod
+    def _least(matrix: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        orders = orders_of(matrix)
+        return np.array(
+            [[part.min() for part in np.split(band, columns, 1)] for band in np.split(orders, rows)]
+        )
 
     def residual(self, compensated: bool = False) -> dict[str, float]:
         """Order of each row's largest term, fields, f and λ O(1), or of increments.
@@ -336,8 +346,8 @@ class Measured:
             "Ca": acceleration,
             "B": min(acceleration, rate + velocity, 2 * rate + position),
         }
-        if not CONSTRAINTS[self._formulation]:
-            found["D"] = min(found["D"], self.penalty.order + position)
+        if not self._constraints:
+            found["D"] = min(found["D"], self._penalty.order + position)
         return {row: found[row] for row in self.rows}
 
     def corrections(

@@ -99,38 +99,3 @@ def general(hard=True, singular=False):
     system = Index1(subject)
     change, _ = system.least_change(0.0, u0, -system.rate(0.0, u0, wanted))
     return replace(subject, v0=wanted + change)
-
-
-def constraint(subject, u, t):
-    """(m,) Φ, for complex u and t."""
-    reals, n, m = subject.reals, subject.n, subject.m
-    wave = reals[0, 1] * np.sin(2 * t + 0.3)
-    found = []
-    for k in range(m):
-        s = reals[1 + (2 + k) * n : 1 + (3 + k) * n]
-        linear = reals[1 + (2 + m) * n + k] + wave * (1 + k + np.arange(n))
-        cubic = reals[0, 0] * np.sum(u**3) / 3
-        found.append(u @ s @ u / 2 + linear @ u + cubic - reals[0, 2 + k])
-    return np.array(found)
-
-
-def gradient(subject, u, t):
-    """(n, m) G, for complex u and t."""
-    reals, n, m = subject.reals, subject.n, subject.m
-    wave = reals[0, 1] * np.sin(2 * t + 0.3)
-    return np.stack(
-        [
-            reals[1 + (2 + k) * n : 1 + (3 + k) * n] @ u
-            + reals[1 + (2 + m) * n + k]
-            + wave * (1 + k + np.arange(n))
-            + reals[0, 0] * u**2
-            for k in range(m)
-        ],
-        axis=1,
-    )
-
-
-def force(subject, u, v, t):
-    """(n,) f, for complex u and v."""
-    reals, n = subject.reals, subject.n
-    return np.cos(3 * t + np.arange(n)) - reals[1 : 1 + n] @ u - reals[1 + n : 1 + 2 * n] @ v

@@ -9,26 +9,19 @@ import pytest
 from newmark_cli.mechanisms import elements, loading, timed
 from newmark_cli.support.documents import parse
 
-#: Two bodies on points A, B and C, and points on them.
-TWO_BODIES = """\
-bodies:
-  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
-  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
-body_points:
-  P: {on: one, at: [0.25, 0.3]}
-  Q: {on: two, at: [0.75, -0.1]}
-"""
-_EVERYTHING = (
-    """\
+_EVERYTHING = """\
 points:
   A: {fixed: [0, 0]}
   W: {fixed: [2, 2]}
   B: {at: [0.3, 0.4]}
   C: {at: [0.9, 1.2], mass: 2}
   S: {at: [1.5, 0.5], mass: 1}
-"""
-    + TWO_BODIES
-    + """\
+bodies:
+  one: {from: A, to: B, length: 0.5, mass: 3, centre: [0.2, 0.1], inertia: 0.5}
+  two: {from: B, to: C, length: 1, mass: 4, centre: [0.5, -0.2], inertia: 0.25}
+body_points:
+  P: {on: one, at: [0.25, 0.3]}
+  Q: {on: two, at: [0.75, -0.1]}
 bars:
   fixed on bodies: {from: P, to: S, length: LENGTH}
 sliders:
@@ -44,7 +37,6 @@ MOTIONS
 gravity: [1, -9]
 project_velocities: true
 """
-)
 
 _MOTIONS = "motions: {crank: {body: one, angle: {rate: 2, amplitude: 0.1, frequency: 5}}}"
 

@@ -16,10 +16,7 @@ def member(family, size):
 
 @pytest.mark.parametrize("spec", [member(family, size) for family in FAMILIES for size in (1, 4)])
 def test_a_member_is_the_mechanism_that_its_data_say(spec):
-    """What is built without a look at each part is what a file of the same data is read as.
-
-    Nets grow by both of their sizes.
-    """
+    """What is built without a look at each part is what a file of the same data is read as."""
     found, data = spec.load(), FAMILIES[spec.family].mechanism(**dict(spec.sizes))
     expected = loading.built(spec.label, Document(spec.label, data, {}))
     assert found.content == expected.content
@@ -31,10 +28,7 @@ def test_a_member_is_the_mechanism_that_its_data_say(spec):
 
 @pytest.mark.parametrize("links", [1, 400])
 def test_chain_starts_across_its_line(links):
-    """Released from a straight line the masses fall across it, hung by their weights along it.
-
-    The bar above mass i carries the 0.6-fold weight of all masses from i on.
-    """
+    """Released from a straight line the masses fall across it, hung by their weights along it."""
     subject = member("chain", links).load()
     a, multipliers = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     across = -0.8 * np.array([0.6, 0.8])

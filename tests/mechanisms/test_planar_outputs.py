@@ -4,7 +4,6 @@ import csv
 import pickle
 
 import numpy as np
-import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
@@ -59,34 +58,6 @@ def test_pin_forces_of_the_test_set(name):
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
-def test_a_pin_that_is_two_sliders():
-    """A rod whose end stays at a place of the crank feels what a pin there would do to it."""
-    row, (pins, *_) = rows_of("sundials-slider-crank")[0], rows_of("sundials-slider-crank-pins")
-    data = asking("sundials-slider-crank")
-
-    def point(name):
-        both = [[float(row[f"{part}[{name}.{axis}]"]) for axis in "xy"] for part in "uv"]
-        return dict(zip(("at", "velocity"), both, strict=True))
-
-    data["points"] = {"O": {"fixed": [0, 0]}, **{p: point(p) for p in "AB"}, "E": point("A")}
-    data["bodies"]["rod"]["to"] = "E"
-    data["sliders"] = {
-        "rail": data["sliders"]["rail"],
-        "along": {"point": "E", "on": "crank", "through": [0.5, 0], "direction": [1, 0]},
-        "across": {"point": "E", "on": "crank", "through": [0.5, 0], "direction": [0, 1]},
-    }
-    problem = newmark.problem(data)
-    state = problem.u0, problem.v0
-    _, multipliers = Index1(problem).accelerations(0.0, *state)
-    ours = outputs_of(problem, 0.0, *state, multipliers)
-    for axis in "xy":
-        assert ours[f"rod@E.force.{axis}"] == pytest.approx(float(pins[f"force[rod@A.{axis}]"]))
-        assert ours[f"crank@A.force.{axis}"] == pytest.approx(0.0, abs=1e-12)
-    forces = dict(zip(problem.constraint_names, np.abs(multipliers), strict=True))
-    assert forces["sliders.along"] == pytest.approx(1.160506, abs=5e-7)
-    assert forces["sliders.across"] == pytest.approx(0.269404, abs=5e-7)
-
-
 #: Three bodies at one pin, on which a spring, a weight and a bar act, too; two are driven.
 STAR = {
     "points": {
@@ -120,6 +91,9 @@ def test_newton_and_euler_for_each_body():
     u, v = problem.u0, problem.v0
     a, multipliers = Index1(problem).accelerations(0.0, u, v)
     ours = outputs_of(problem, 0.0, u, v, multipliers)
+    plain = {key: value for key, value in STAR.items() if key != "outputs"}
+    assert newmark.problem(plain).content != problem.content
+    assert outputs_of(pickle.loads(pickle.dumps(problem)), 0.0, u, v, multipliers) == ours
     places = {name: complex(*of["fixed"]) for name, of in STAR["points"].items() if "fixed" in of}
     rates, changes = (dict.fromkeys(places, 0j) for _ in range(2))
     for field, known in ((u, places), (v, rates), (a, changes)):
@@ -165,36 +139,6 @@ def test_newton_and_euler_for_each_body():
     strut = named["bars.strut"] * (places["A"] - places["D"])
     weight = 0.4 * (changes["A"] - gravity)
     assert at_pin == pytest.approx(-pull["s"] + strut + (1 - 2j) - weight, abs=1e-10)
-
-
-def test_a_study_has_them(cli):
-    """Columns of the trajectory, and errors of the forces; asking for them computes anew."""
-    text = newmark.problem("four-bar").drawing.model_dump_json(by_alias=True, exclude_unset=True)
-    cli.write("bars.yaml", text)
-    cli.write(
-        "mine.yaml",
-        "study: mine\nproblem: bars.yaml\nform: u-lambda\npreconditioning: optimal\n"
-        "integrator: {method: generalized-alpha, rho: 0.9}\nmeasure: [trajectory, error]\n"
-        "h: [2e-3, 1e-3, 5e-4]\nt_end: 0.02\n",
-    )
-    cli("run", "mine.yaml")
-    assert "output[D.x]" not in pd.read_csv(cli.folder / "results/trajectory/mine.csv").columns
-    cli.write("bars.yaml", text[:-1] + ', "outputs": ["points", "pins"]}')
-    cli("run", "mine.yaml")
-    frame = pd.read_csv(cli.folder / "results/trajectory/mine.csv")
-    done = newmark.march(cli.folder / "bars.yaml", h=1e-3, t_end=0.02,
-                         integrator="generalized-alpha rho=0.9")  # fmt: skip
-    assert done.outputs.shape == (21, 14)
-    done = pickle.loads(pickle.dumps(done))
-    ours = frame[frame.h == 1e-3]
-    np.testing.assert_array_equal(ours[["output[D.x]", "output[D.y]"]], done.point("D"))
-    force = done.output("coupler@B.force.y")
-    np.testing.assert_array_equal(ours["output[coupler@B.force.y]"], force)
-    np.testing.assert_allclose(force, -done.output("crank@B.force.y"), rtol=0, atol=1e-12)
-    table = pd.read_csv(cli.folder / "results/mine.csv")
-    errors = table[(table.measure == "error") & (table.quantity == "force")].sort_values("h")
-    small, large = errors["rms"].iloc[0], errors["rms"].iloc[-1]
-    assert 0 < small < large / 8
 
 
 def test_points_of_a_march():

@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from mechanisms import built
-from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
 from newmark_cli.problems.index_1 import Index1
@@ -302,83 +301,3 @@ def test_turns_are_counted():
     assert found["sun.angle"] > 4 * np.pi
     with pytest.raises(ArgumentError, match="compensated needs constraints that are quadratic"):
         newmark.march(subject, h=1e-3, t_end=0.1, evaluation="compensated")
-
-
-LAWS = {
-    "table": (
-        "{table: {times: [-0.5, 0, 0.2, 0.5, 1], values: [0, 1, -1, 2, 0]}}",
-        CubicSpline([-0.5, 0, 0.2, 0.5, 1], [0, 1, -1, 2, 0]),
-    ),
-    "natural": (
-        "{value: 2, table: {times: [0, 0.3, 1], values: [0, 1, -1], ends: natural}}",
-        lambda t: 2 + CubicSpline([0, 0.3, 1], [0, 1, -1], bc_type="natural")(t),
-    ),
-    "periodic": (
-        "{table: {times: [-0.1, 0, 0.1, 0.15], values: [0, 1, -1, 0], ends: periodic}}",
-        CubicSpline([-0.1, 0, 0.1, 0.15], [0, 1, -1, 0], bc_type="periodic"),
-    ),
-    "all": (
-        "{value: 1, amplitude: 2, frequency: 3, phase: 1, powers: [0, 2], "
-        "sines: [{amplitude: 1, frequency: 2, phase: 1}], table: {times: [0, 2], values: [1, 5]}}",
-        lambda t: 2 + 2 * np.sin(3 * t + 1) + 4 * t + np.sin(2 * t + 1),
-    ),
-}
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_laws_of_time(name):
-    """The force and the torque that a law is, and place, rate and load of what it drives."""
-    law, function = LAWS[name]
-    subject = built(f"""\
-points:
-  O: {{fixed: [0, 1]}}
-  P: {{at: [0, 0], mass: 2}}
-  A: {{at: [1, 1]}}
-  Q: {{at: [{float(function(0))!r}, 0], mass: 3}}
-bodies: {{disc: {{from: O, to: A, length: 1, mass: 0, inertia: 2}}}}
-sliders: {{rail: {{point: P, through: [0, 0], direction: [1, 0]}}}}
-forces: {{push: {{at: P, force: [{law}, -3]}}}}
-torques: {{motor: {{on: disc, torque: {law}}}}}
-motions: {{drive: {{point: Q, x: {law}}}}}
-project_velocities: true
-""")
-    row = subject.constraint_names.index("motions.drive.x")
-    for t in (0.17, 0.37, 0.61):
-        found, here = start_of(subject, t), float(function(t))
-        around = np.array([float(function(t + k * 1e-3)) for k in (-2, -1, 0, 1, 2)])
-        assert found["P.x"] == pytest.approx(here / 2, abs=1e-12)
-        assert found["λ sliders.rail"] == pytest.approx(3, abs=1e-12)
-        assert found["A.y"] == pytest.approx(here / 2, abs=1e-12)
-        missed = subject.constraint_values(t, subject.u0)[row]
-        assert missed == pytest.approx(float(function(0)) - here, abs=1e-12)
-        rate, _ = subject.constraint_derivatives(t, subject.u0, subject.v0)
-        assert -rate[row] == pytest.approx(np.array([1, -8, 0, 8, -1]) @ around / 12e-3, abs=1e-7)
-        second = np.array([-1, 16, -30, 16, -1]) @ around / 12e-6
-        assert found["Q.x"] == pytest.approx(second, abs=2e-5)
-        assert found["λ motions.drive.x"] == pytest.approx(3 * second, abs=6e-5)
-
-
-TABLE = """\
-points: {P: {at: [0, 0], mass: 1}}
-motions: {drive: {point: P, x: {table: {times: [0, 0.5, 1], values: [0, 1, 0]}}}}
-project_velocities: true
-"""
-
-
-def test_nothing_beyond_a_table(cli):
-    """A march must end with the table; `validate` and the library say so, and it may repeat."""
-    cli.write("cam.yaml", TABLE)
-    cli.write(
-        "study.yaml",
-        "study: s\nproblem: cam.yaml\nform: u-lambda\npreconditioning: optimal\nh: [1e-2]\n"
-        "t_end: 1.5\n",
-    )
-    said = "must be at most 1 s, where a table of cam.yaml ends, given"
-    assert f"line 6: t_end: {said} 1.5 s" in cli("validate", "study.yaml", code=2).stderr
-    assert f"--at: {said} 2 s" in cli.refused("draw", "cam.yaml", "--at", "2")
-    with pytest.raises(ArgumentError, match="t_end: must be at most 1 s, where a table of"):
-        newmark.march(built(TABLE), h=1e-2, t_end=1.5)
-    assert newmark.march(built(TABLE), h=1e-2, t_end=1.0, every=0).u[-1][0] == pytest.approx(0)
-    repeated = built(TABLE.replace("0]}", "0], ends: periodic}"))
-    ends = newmark.march(repeated, h=1e-2, t_end=1.5, every=0).u[-1]
-    assert ends[0] == pytest.approx(1, abs=1e-9)

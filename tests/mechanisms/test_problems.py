@@ -1,6 +1,5 @@
 """Shipped problems: terms against mpmath, starts, states of any kind."""
 
-import mechanisms
 import numpy as np
 import oracles
 import pytest
@@ -70,24 +69,3 @@ def test_states_of_any_kind_take_the_compiled_code_that_is_there():
     for kind in (fixed, [np.repeat(a, 2)[::2] for a in state], [a.astype("f4") for a in state]):
         np.testing.assert_array_equal(computed(0, *kind), expected)
     assert [function.signatures for function in functions] == compiled
-
-
-@pytest.fixture(scope="module")
-def everything():
-    """A mechanism with every element, driven."""
-    return mechanisms.everything()
-
-
-def test_projected_velocities_fit(everything):
-    """They meet Φ' = 0, with the crank at its rate, and are the nearest to the given ones."""
-    u, v = everything.u0, everything.v0
-    gradient = everything.evaluate(0.0, u, v, np.zeros(everything.m)).G
-    rate, _ = everything.constraint_derivatives(0.0, u, v)
-    np.testing.assert_allclose(gradient.T @ v + rate, 0, atol=1e-13)
-    b, vb = complex(*u[:2]), complex(*v[:2])
-    assert (vb / (1j * b)).real == pytest.approx(2 + 0.1 * 5, rel=1e-12)
-    # Given as zero: M times the change is in the range of G, so its kinetic energy is the least.
-    change = everything.M @ v
-    np.testing.assert_allclose(
-        gradient @ np.linalg.lstsq(gradient, change, rcond=None)[0], change, atol=1e-12
-    )

@@ -79,17 +79,6 @@ def test_force_and_energy(spring, expected):
         assert energy[0] - energy[1] == pytest.approx(work, rel=1e-6, abs=1e-9)
 
 
-def test_powers_of_one_stiffness_are_a_linear_spring():
-    of_law, linear = (
-        subject.evaluate(0.0, at(1.5), AT_REST, np.zeros(1))
-        for subject in map(
-            single, ("rest_length: 1, force: {powers: [0, 70]}", "rest_length: 1, stiffness: 70")
-        )
-    )
-    np.testing.assert_allclose(of_law.force, linear.force, rtol=1e-13)
-    np.testing.assert_allclose(of_law.X @ at(2.0), linear.X @ at(2.0), rtol=1e-13)
-
-
 @pytest.mark.parametrize(
     ("spring", "told"),
     [

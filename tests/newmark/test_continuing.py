@@ -45,11 +45,10 @@ def changed(h, ratio, options):
         ), caught
 
 
-#: Rounding rules index 3 of the trapezoidal rule below h = 1e-3.
 CHANGES = [
-    *(("index-3", integrator, 1 / 10) for integrator in INTEGRATORS[1:]),
     *(("index-3", integrator, 2) for integrator in INTEGRATORS),
-    *((kind, INTEGRATORS[k % 5], 1 / 2) for k, kind in enumerate(KEEPS * 2)),
+    ("index-3", ALPHA, 1 / 10),
+    *((kind, INTEGRATORS[k % 5], 1 / 2) for k, kind in enumerate(KEEPS)),
 ]
 
 

@@ -21,7 +21,7 @@ DAMPED = GeneralizedAlpha(0.9)
 INTEGRATORS = (Newmark(), DAMPED, BDF2())
 CASES = [
     *covering(SUBJECTS, FORMS, INTEGRATORS, ["direct"], ["float64", "float32"], ["index-3"]),
-    *covering([*SUBJECTS][:3], FORMS, INTEGRATORS, ["compensated"], ["float64"], ["index-3"]),
+    *covering([*SUBJECTS][:3], FORMS, INTEGRATORS, ["compensated"], ["float64"], ["index-3"])[::2],
     *(
         ("andrews", *how, "float64", formulation)
         for formulation in ("ggl", "index-2", "index-1", "baumgarte rate_h=0.5")
@@ -30,7 +30,7 @@ CASES = [
 ]
 
 
-def quotients(subject, scheme, steps=300, states=10):
+def quotients(subject, scheme, steps=300, states=5):
     """Predicted over measured rms of every block that the march records."""
     # Compensated corrections are often exactly zero: few draws miss those that are not.
     samples = 32 if scheme.compensated else 16

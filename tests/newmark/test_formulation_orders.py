@@ -43,10 +43,7 @@ def powers(side):
 
 @pytest.mark.parametrize(("formulation", "form", "terms"), [*covering(CONSTRAINTS, FORMS, TERMS)])
 def test_blocks(formulation, form, terms):
-    """J, J⁻¹, the residual and all corrections in general position, with and without X and Y.
-
-    Without perturbations of V and K only bounded corrections get smaller, compensated none.
-    """
+    """J, J⁻¹, the residual and all corrections in general position, with and without X and Y."""
     y, x = terms
     measured = Measured(system(y, x), form, formulation)
     for compensated in (False, True):
@@ -70,10 +67,7 @@ def test_blocks(formulation, form, terms):
 
 @pytest.mark.parametrize(("formulation", "form"), [*itertools.product(CONSTRAINTS, FORMS)])
 def test_special_positions(formulation, form):
-    """Single blocks of J⁻¹ get smaller, to a limit; corrections and C stay what they are.
-
-    Least powers are those of the optimal scaling, with which every block of J̄ and J̄⁻¹ is O(1).
-    """
+    """Single blocks of J⁻¹ get smaller, to a limit; corrections and C stay what they are."""
     orders = orders_of(formulation, form)
     derived = derive_scaling(orders)
     for scaling in (named_scaling("optimal", orders.form), sensitivity(orders.form)):

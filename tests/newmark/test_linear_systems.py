@@ -108,11 +108,3 @@ def test_a_system_is_that_of_the_equations():
 def test_what_no_systems_are_to_be_had_of(options, message):
     with pytest.raises((ArgumentError, InputError), match=f"^{message}"):
         newmark.linear_systems("pendulum", h=1e-3, **options)
-
-
-def test_the_command_that_wrote_them_says_what_to_do(cli):
-    line = cli.refused("export", "andrews", "--h", "1e-6")
-    assert line == (
-        "newmark-study: No such command 'export'; it is gone: newmark_cli.linear_systems gives the "
-        "systems and scipy.io.mmwrite writes them, see docs/scalings-integrators.md"
-    )

@@ -93,15 +93,13 @@ def interpreted_march(subject, scheme, state, counts):
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 def test_the_march_computes_in_its_precision(precision):
-    """Compiled and interpreted it takes the same steps bit by bit.
-
-    One test of each precision: of workers that share it each would compile the whole march.
-    """
+    """Compiled and interpreted it takes the same steps bit by bit."""
     subject = problem("four-bar")
-    for case in covering(
+    cases = covering(
         METHODS, FORMS, EVALUATIONS, ["none", "velocity", "position-velocity accelerations"],
         [None, Tolerance(1e-5, 1e-4)],
-    ):  # fmt: skip
+    )  # fmt: skip
+    for case in cases if precision == "float64" else cases[::2]:
         formulation, form, evaluation, projection, stop = case
         integrator = BDF2() if evaluation == "direct" else None
         scheme = formulated(

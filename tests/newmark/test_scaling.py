@@ -74,26 +74,18 @@ def test_refused(text, reason):
     assert not warned
 
 
-@given(st.text(max_size=60))
+@given(st.text("0123456789.e*/^+-() hbetagm_'\0é", max_size=60))
 def test_any_text_parses_or_is_refused(text):
     """No text makes the parser fail in another way."""
     with contextlib.suppress(MonomialError):
         assert Monomial.parse(text).coefficient > 0
 
 
-@pytest.mark.parametrize("name", FORMS)
-def test_sensitivity_rule_gives_the_orders_of_table_2(name):
-    """Scaling by ∂v/∂u and ∂a/∂u has the powers of h of Table 2, form by form.
-
-    For forms that keep u, and (a, λ), the rule is Table 2 exactly.
-    """
-    by_rule = sensitivity(FORMS[name])
-    table = named_scaling("optimal", FORMS[name])
-    for side in ("left", "right"):
-        ours, paper = getattr(by_rule, side), getattr(table, side)
-        assert {b: f.order() for b, f in ours.items()} == {b: f.order() for b, f in paper.items()}
-    if name in ("u-v-a-lambda", "u-v-lambda", "u-lambda", "a-lambda"):
-        assert (by_rule.left, by_rule.right) == (table.left, table.right)
+@pytest.mark.parametrize("name", ["u-v-a-lambda", "u-v-lambda", "u-lambda", "a-lambda"])
+def test_sensitivity_rule_is_table_2(name):
+    """For forms that keep u, and (a, λ); `test_formulation_orders` has the powers of h of all."""
+    by_rule, table = sensitivity(FORMS[name]), named_scaling("optimal", FORMS[name])
+    assert (by_rule.left, by_rule.right) == (table.left, table.right)
 
 
 @given(

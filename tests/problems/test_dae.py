@@ -52,12 +52,3 @@ def test_jacobians_are_those_of_differences(name, equations, integrals):
         ]  # fmt: skip
         expected = np.array([(after - before) / 2e-5 for after, before in columns]).T
         assert np.abs(found - expected).max() < 1e-6 * max(1.0, np.abs(expected).max())
-
-
-@pytest.mark.parametrize("words", [
-    ("advise", "andrews", "--code", "ida"), ("advise", "andrews", "--accuracy", "1e-3"),
-])  # fmt: skip
-def test_what_replaces_advice_for_dae_codes_is_said(cli, words):
-    assert f"{words[2]}'; it is gone: docs/advice.md has lines to paste" in cli.refused(*words)
-    with pytest.raises(AttributeError, match=r"it is gone: docs/advice\.md"):
-        getattr(newmark, "advise_dae")  # noqa: B009

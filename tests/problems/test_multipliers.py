@@ -1,19 +1,14 @@
 """What errors of λ are relative to: Gauss's function, other units and axes, fictitious masses."""
 
-import cmath
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench import VERDICTS, bench
 from mechanisms import built
-from pages import ROOT
 
-from newmark_cli.mechanisms import loading
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.problems.multipliers import relative_error, weights
-from newmark_cli.support import documents
+from newmark_cli.problems.multipliers import weights
 
 
 def at_start(subject):
@@ -46,36 +41,6 @@ def test_a_weighted_multiplier_is_what_gauss_function_falls_by(name):
         weighted = 0.5 * (multipliers[k] * found.sizes[k]) ** 2
         assert weighted == pytest.approx(whole - cut, rel=1e-6, abs=1e-9 * whole)
         assert weighted <= whole * (1 + 1e-9)
-
-
-def judged(subject):
-    """Relative errors of λ, each multiplier off by a part in a thousand in turn; in order."""
-    multipliers, found = at_start(subject)
-    scales = found.scales(multipliers)
-    errors = 1e-3 * np.diag(multipliers)
-    return np.sort([relative_error(multipliers + one, multipliers, scales) for one in errors])
-
-
-#: Turned, in millimetres, shifted and reordered, as the bench of verdicts rewrites mechanisms.
-THERE = bench("variants").Coordinates(0.7, 1000.0, 3 - 2j, True)
-FILES = [*sorted((VERDICTS / "problems").glob("*.yaml")), ROOT / "docs/examples/hoist.yaml"]
-
-
-@pytest.mark.parametrize("file", FILES)
-def test_the_same_motion_in_other_coordinates(file):
-    """Accelerations are those of before, turned and in millimetres; errors of λ are the same."""
-    data = documents.read(file).data
-    of_time = any("point" in motion for motion in data.get("motions", {}).values())
-    rotor, found, errors = 1 if of_time else cmath.exp(1j * THERE.turn), [], []
-    for of, unit in ((data, 1 / rotor), (THERE.mechanism(data), 1000.0)):
-        subject = loading.made("mechanism", of)
-        a, _ = Index1(subject).accelerations(subject.t0, subject.u0, subject.v0)
-        places = a[: 2 * len(subject.points)].reshape(-1, 2) @ [1, 1j] / unit
-        found.append(dict(zip(subject.points, places, strict=True)))
-        errors.append(judged(subject))
-    before, after = found
-    assert after == pytest.approx(before, abs=1e-7 * max(1e-3, *map(abs, before.values())))
-    np.testing.assert_allclose(errors[1], errors[0], rtol=1e-5, atol=1e-12)
 
 
 SHAKEN = """\

@@ -1,10 +1,10 @@
 """Problems of one's own, from the command line, in an empty folder."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import SWING
 from matplotlib.axes import Axes
 from PIL import Image
 
@@ -12,37 +12,30 @@ from newmark_cli.mechanisms.registry import problem
 from newmark_cli.report.drawing import draw, draw_mechanism
 from newmark_cli.study import naming
 
+#: Files that tests of commands take, too.
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
 STUDY = """\
 study: mine
-problem: PROBLEM
+problem: {python: "mine.py:swing"}
 form: u-lambda
 preconditioning: [none, optimal]
-h: [1e-2, 1e-3, 1e-4]
+h: [1e-1, 5e-2, 2e-2]
 t_end: 0.1
 """
 
 
 def test_code_of_ones_own_runs_from_its_file(cli):
-    """Refused without --allow-code; with it, read once, run and checked."""
+    """Refused without --allow-code; with it, read once and run."""
     begins = '\nwith open("begun", "a") as file:\n    file.write(".")\n'
-    cli.write("car_axis.py", (EXAMPLES / "car_axis.py").read_text() + begins)
-    cli.write("mine.yaml", STUDY.replace("PROBLEM", '{python: "car_axis.py:car_axis"}'))
+    cli.write("mine.py", SWING + begins)
+    cli.write("mine.yaml", STUDY)
     line = cli.refused("run", "mine.yaml")
-    assert "mine.yaml, line 2: problem.python: car_axis.py is code, which runs only with" in line
+    assert "mine.yaml, line 2: problem.python: mine.py is code, which runs only with" in line
     assert "--allow-code" in line
     # A second job would read it once more; the process that has read it computes the cells.
     assert "6 ok" in cli("run", "mine.yaml", "--allow-code", "--jobs", 1).stdout
     assert (cli.folder / "begun").read_text() == "."
-    # Without scaling, u is recorded by a norm that λ rules, and a few steps in 1000
-    # catch it before it is rounding: its own slope is no claim here.
-    found = json.loads(cli("check", "--json").stdout)
-    chosen = [r for r in found if r["quantity"] != "u" and r["measure"] != "physical_correction"]
-    verdicts = [row["verdict"] for row in chosen]
-    assert len(chosen) == 4
-    assert set(verdicts) <= {"pass", "undecided"}
-    assert verdicts.count("pass") >= 3
 
 
 @pytest.mark.parametrize("name", [

@@ -49,24 +49,6 @@ def test_plain_and_compiled_functions_march_alike():
         )
 
 
-def test_damping_by_differences_is_good():
-    """Y of a damper and of a drag that grows with the third power; both have X = −λ I."""
-    damper = np.array([[0.3, 0.1], [-0.2, 0.5]])
-    subject = python_problem.from_definition(
-        python_problem.Definition(
-            np.eye(2), np.array([1.0, 0.0]), np.zeros(2),
-            force=lambda u, v, t: -damper @ v - v**3,
-            constraints=lambda u, t: np.array([(u @ u - 1) / 2]),
-            gradient=lambda u, t: u[:, None],
-        ),
-        "damped",
-    )  # fmt: skip
-    v = np.array([0.0, 40.0])
-    terms = subject.evaluate(0.1, np.array([0.6, 0.8]), v, np.array([2.0]))
-    np.testing.assert_allclose(terms.Y, damper + 3 * np.diag(v**2), rtol=0, atol=1e-8)
-    np.testing.assert_allclose(terms.X, -2 * np.eye(2), rtol=0, atol=1e-8)
-
-
 GOOD = """
 import numpy as np
 class Problem:
@@ -140,36 +122,3 @@ def test_mistakes_are_named(tmp_path, old, new, words):
     assert "mine.py" in text
     assert words in text, text
     assert "\n" not in text
-
-
-LISTS = """
-from newmark_cli.problems.python_problem import Definition
-def factory(decorate=lambda function: function):
-    @decorate
-    def force(u, v, t): return [0.0 * t, -1.0]
-    @decorate
-    def constraints(u, t): return ((u[0] * u[0] + u[1] * u[1] - 1) / 2,)
-    @decorate
-    def gradient(u, t): return [[u[0]], [u[1]]]
-    @decorate
-    def stiffness(u, v, multipliers, t): return ((-multipliers[0], 0.0), (0.0, -multipliers[0]))
-    @decorate
-    def damping(u, v, t): return [[0, 0], [0, 0]]
-    return Definition(
-        mass_matrix=[[1, 0], [0, 1]], u0=(1, 0), v0=[0, 0], force=force, constraints=constraints,
-        gradient=gradient, stiffness=stiffness, damping=damping,
-    )
-"""
-
-
-def test_lists_and_tuples_are_converted(tmp_path):
-    """Of numbers, whole ones too: terms are those of arrays.  `test_constraint_rows` compiles."""
-    path = write(tmp_path, LISTS)
-    plain, arrays = (
-        python_problem.load(path, "factory", {"decorate": decorate}, "mine")
-        for decorate in (lambda f: f, lambda f: lambda *at: np.array(f(*at), float))
-    )
-    assert plain.u0.dtype == plain.v0.dtype == plain.mass_values.dtype == np.float64
-    state = np.array([0.6, 0.8]), np.array([0.4, -0.3]), np.array([2.0])
-    for one, other in zip(*(each.evaluate(0.1, *state) for each in (plain, arrays)), strict=True):
-        np.testing.assert_array_equal(one, other)

@@ -5,7 +5,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from conftest import SWING, rows_in
+from conftest import SWING, rows_in, write_swings
 
 from newmark_cli.mechanisms.spec import PythonFactory, portable
 from newmark_cli.problems.problem import ProblemError
@@ -16,16 +16,6 @@ MINE = (
     .replace("np.array([1.0, 0.0])", "np.array([LENGTH, 0.0])")
     .replace("(u @ u - 1)", "(u @ u - LENGTH**2)")
 )
-
-STUDY = """\
-study: mine
-problem: {python: "mine.py:swing"}
-form: u-lambda
-preconditioning: none
-h: 0.1
-t_end: 1.0
-expect: [{measure: correction, at_least: 1.0e-99}]
-"""
 
 
 def folder(parent, name, sizes):
@@ -167,10 +157,7 @@ def swing(force):
 
 
 def test_failures_name_the_line(cli):
-    """The innermost of the user's own, by the names that the user knows; in one line each.
-
-    Until then it is well, compiled or not.
-    """
+    """The innermost of the user's own, by the names that the user knows; in one line each."""
     cli.write("own/mine.py", FAILS)
     cli.write("own/parts/one.py", "\n\ndef divided(t):\n    return 1.0 / (t < 0.5)\n")
     forces = ["plain", "beside", "compiled"]
@@ -217,7 +204,7 @@ def test_what_was_imported_counts(tmp_path):
 
 def test_loading_is_bounded_as_a_cell_is(cli):
     """A module that hangs where it is imported."""
+    write_swings(cli, "")
     cli.write("mine.py", "import time\ntime.sleep(120)\n")
-    cli.write("slow.yaml", STUDY)
-    line = cli.refused("run", "slow.yaml", "--allow-code", "--timeout", "0.5")
+    line = cli.refused("run", "swings.yaml", "--allow-code", "--timeout", "0.5")
     assert line.endswith("cannot be loaded: took longer than 0.5 s")

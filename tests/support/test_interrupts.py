@@ -14,16 +14,6 @@ from conftest import ENDINGS, LONG, require_ended, wait_for_cells, wait_until, w
 
 from newmark_cli.support import interrupts
 
-ONE = """\
-study: one
-problem: {python: "mine.py:swing"}
-form: u-lambda
-preconditioning: none
-h: 0.1
-t_end: 1.0
-expect: [{measure: correction, at_least: 1.0e-99}]
-"""
-
 
 def python(code, **options):
     """Run a script that has `main`, `interrupts` and what it needs to signal itself."""
@@ -35,10 +25,7 @@ def python(code, **options):
 
 
 def test_interrupts_while_modules_are_imported(tmp_path):
-    """From the first import of a command on: one line, and the code of the signal.
-
-    The console script begins in `console`, which imports nothing of the commands.
-    """
+    """From the first import of a command on: one line, and the code of the signal."""
     assert "from newmark_cli.console import main" in SCRIPT.read_text()
     code = """
     class Finder:
@@ -58,12 +45,10 @@ def test_interrupts_while_modules_are_imported(tmp_path):
 
 def test_interrupts_in_the_users_code(cli):
     """They are no fault of the code, wherever it is when they come, and do not wait for it."""
-    cli.write(
-        "mine.py",
-        "import time\ndef swing():\n    open('inside', 'w').close()\n    time.sleep(3600)\n",
-    )
-    cli.write("one.yaml", ONE)
-    run = cli.start("run", "one.yaml", "--allow-code", start_new_session=True)
+    write_swings(cli, "")
+    code = "import time\ndef swing(what):\n    open('inside', 'w').close()\n    time.sleep(3600)\n"
+    cli.write("mine.py", code)
+    run = cli.start("run", "swings.yaml", "--allow-code", start_new_session=True)
     wait_until((cli.folder / "inside").exists)
     os.killpg(run.pid, signal.SIGINT)
     _, errors = run.communicate(timeout=60)
@@ -127,10 +112,7 @@ def test_callers_in_python_keep_their_handlers():
 
 
 def test_ignored_signals_stay_ignored(cli):
-    """Under nohup, or in the background of a script, only SIGTERM ends a run.
-
-    It goes to all processes of a terminal; the run answers, in one line.
-    """
+    """Under nohup, or in the background of a script, only SIGTERM ends a run."""
     write_swings(cli, "hang")
     ignored = (signal.SIGINT, signal.SIGHUP)
 

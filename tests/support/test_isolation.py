@@ -52,10 +52,7 @@ def rows(folder, *problems):
 
 
 def test_harm_stays_in_its_problem(cli, tmp_path_factory):
-    """Who replaces a function of NumPy changes its own rows only, who changes the folder none.
-
-    Results and files that are named by relative paths are where they were.
-    """
+    """Who replaces a function of NumPy changes its own rows only, who changes the folder none."""
     clean = CommandLine(tmp_path_factory.mktemp("clean"))
     write_problem(clean, "bad")
     write_study(clean, "bad")
