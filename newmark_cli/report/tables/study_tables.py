@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from newmark_cli.report.judging.fits import Fit, fit_parts, format_fit, format_order, power_law
-from newmark_cli.report.judging.slopes import Slope, unmeasured
+from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
@@ -135,7 +135,7 @@ def _with_failed(
         why = _PLACE.sub("", why.removeprefix(f"{cell.get('code')}: "), count=1)
         reasons.setdefault(SeriesKey.of(named), {}).setdefault(why, []).append(f"{cell['h']:g}")
     failed = [
-        unmeasured(key, "primary", _said(of_sizes))
+        Slope(key, "primary", reason=_said(of_sizes))
         for key, of_sizes in reasons.items()
         if {*of_sizes} != {""}
     ]
