@@ -22,6 +22,7 @@ from newmark_cli.report.reading.history import Recorded, read_recorded
 from newmark_cli.report.reading.words import power, quantity, scalings
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.cell import DRIFTS
+from newmark_cli.study.measures import DRIFT_LABELS
 from newmark_cli.support.errors import InputError, ResultsError
 
 
@@ -220,10 +221,6 @@ _OVER_TIME = (
 )
 #: Least drift that is drawn (m, m/s): what is smaller is rounding, or exactly 0.
 _LEAST_DRIFT = 1e-18
-_DRIFTS = {
-    "position": r"$|\Phi_k|/\|G_k\|$ (m)",
-    "velocity": r"$|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
-}
 
 
 def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
@@ -325,7 +322,7 @@ def _drift(figure: Figure, results: Results) -> Sheet:
             Panel(
                 tuple(drawn),
                 "time $t$ (s)",
-                _DRIFTS[part.curves[0].quantity],
+                DRIFT_LABELS[part.curves[0].quantity],
                 part.titles if len(figure.parts) > 1 else (),
                 x_scale="linear",
                 y_limits=(0.1 * float(least), 10 * float(most)),
