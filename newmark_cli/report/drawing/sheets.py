@@ -18,11 +18,11 @@ from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
-from newmark_cli.report.reading.history import Recorded, read_recorded
 from newmark_cli.report.reading.words import power, quantity, scalings
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.cell import DRIFTS
 from newmark_cli.study.measures import DRIFT_LABELS
+from newmark_cli.study.trajectories import Recorded, read_recorded
 from newmark_cli.support.errors import InputError, ResultsError
 
 
