@@ -8,20 +8,18 @@ would repeat what tells a cell from others for every number.
 """
 
 import io
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from newmark_cli.newmark.kept import DRIFT, KEEPABLE
 from newmark_cli.study import axes, csv_files, csv_rows
-from newmark_cli.study.axes import Cell
+from newmark_cli.study.axes import Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS, Outcome
 from newmark_cli.study.csv_files import HISTORY_COLUMNS, HISTORY_MAY_HAVE
 from newmark_cli.support import files
-from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import ResultsError
 
 if TYPE_CHECKING:
@@ -122,26 +120,19 @@ def _read_parquet(path: Path, content: bytes | OSError) -> "pd.DataFrame":
 # -- multipliers and drifts over time, for figures -----------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class Recorded:
-    """What one cell records over time, its start left out.
+def recorded(
+    folder: Path, study: str, kind: str, sizes: Mapping[SeriesKey, float]
+) -> tuple[Path, dict[SeriesKey, "pd.DataFrame"]]:
+    """The file of a study, and what it has of cells over time, by their series, the start left out.
 
-    Multipliers go by their constraints, or by numbers in files of older versions; drifts are
-    ``position``, misfits of Φ (m), and ``velocity``, those of its rate (m/s).
-    """
+    A frame has times (s), ascending, as its index.  Columns are multipliers by their constraints,
+    or by numbers in files of older versions, or drifts: ``position``, misfits of Φ (m), and
+    ``velocity``, those of its rate (m/s).
 
-    t: Array  #: (recorded,) times (s), ascending
-    values: Array  #: (recorded, names)
-    names: tuple[str, ...]
-
-
-def read_recorded(
-    folder: Path, study: str, kind: str, cells: Sequence[tuple[Any, float]]
-) -> tuple[Path, list[Recorded | None]]:
-    """The file of a study, and what it has of cells; None for one that is not there.
-
-    The kind is history or drift; a cell is a series, of which axes are attributes, and a step
-    size (s) of it.
+    Args:
+        folder, study: The results folder, and the study.
+        kind: history or drift.
+        sizes: Series → step size (s) of the cell.
     """
     path = csv_files.trajectory_path(folder, study)
     former = folder / kind / path.name  # of versions before 0.4
@@ -155,16 +146,16 @@ def read_recorded(
     columns = [n for n in frame.columns if n in listed or n.startswith((f"{wanted}[", "lambda_"))]
     if not columns:
         raise ResultsError(f"{path}, line 1: no columns {wanted}[…]; run it with 'keep: {wanted}'")
+    names = {name: name.removeprefix(wanted).strip("[]_") for name in columns}
     kept = frame.loc[frame["step"] > 0]
-    recorded: list[Recorded | None] = []
-    for curve, h in cells:
+    found = {}
+    for key, h in sizes.items():
         rows = np.isclose(kept["h"], h, rtol=1e-9, atol=0)
         for axis in (axes.STUDY, *axes.cell_axes()):
             if axis.series and axis.name in kept.columns:
-                rows &= kept[axis.name].map(axis.same).to_numpy() == getattr(curve, axis.name)
+                rows &= kept[axis.name].map(axis.same).to_numpy() == getattr(key, axis.name)
         # Problems with fewer multipliers leave the last columns empty.
         own = kept.loc[rows, ["t", *columns]].sort_values("t").dropna(axis="columns", how="all")
-        names = (name.removeprefix(wanted).strip("[]_") for name in own.columns[1:])
-        values = own.iloc[:, 1:].to_numpy(float)
-        recorded.append(Recorded(own["t"].to_numpy(float), values, (*names,)) if own.size else None)
-    return path, recorded
+        if own.size:
+            found[key] = own.set_index("t").rename(columns=names)
+    return path, found

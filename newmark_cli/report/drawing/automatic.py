@@ -22,8 +22,8 @@ from newmark_cli.report.reading.figures import (
     Figure,
     Part,
     curve_of,
+    figure_of,
     label_of,
-    looks_of,
     side_by_side,
 )
 from newmark_cli.study import axes
@@ -150,18 +150,9 @@ def _arranged(
             )
             for at, of_panel in grid
         )
-        yield Figure(
-            "-".join((study, *name))[:180],
-            title,
-            study,
-            parts,
-            definition.columns or _columns([at for at, _ in grid]),
-            definition.drawn_as,
-            note=definition.note or "",
-            h=definition.h,
-            looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
-            style=definition.style or {},
-        )
+        columns = definition.columns or _columns([at for at, _ in grid])
+        stem = "-".join((study, *name))[:180]
+        yield figure_of(definition, stem, title, study, parts, columns=columns)
 
 
 def _told_apart(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,13 +17,15 @@ from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, p
 from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
+from newmark_cli.report.reading.figures import Curve, Figure, Part
 from newmark_cli.report.reading.words import power, quantity, scalings
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.cell import DRIFTS
-from newmark_cli.study.measures import DRIFT_LABELS
-from newmark_cli.study.trajectories import Recorded, read_recorded
+from newmark_cli.study.measures import DRIFT_LABELS, FLOOR_OF
+from newmark_cli.study.trajectories import recorded
 from newmark_cli.support.errors import InputError, ResultsError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -203,11 +205,12 @@ def _same(slope: Slope) -> tuple[str, ...]:
 
 def _floors(part: Part, slopes: Mapping[SeriesKey, Slope]) -> list[Trace]:
     """Predicted floors of the measured series that have them."""
-    keys = (floor_of(curve.key) for curve in part.curves)
+    named = (curve.key.named() for curve in part.curves if curve.measure in FLOOR_OF)
+    keys = (SeriesKey.of(of | {"measure": FLOOR_OF[of["measure"]]}) for of in named)
     return [
         traces.trace(slopes[key], "predicted floor", _FLOOR, "predicted floor")
         for key in keys
-        if key is not None and key in slopes
+        if key in slopes
     ]
 
 
@@ -223,20 +226,19 @@ _OVER_TIME = (
 _LEAST_DRIFT = 1e-18
 
 
-def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
+def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, "pd.DataFrame"]:
     """Recorded time series of a figure; raises `ResultsError` if one is missing."""
     if results.in_memory is not None:
         raise ResultsError(f"{results.folder}: no trajectories, which figure {figure.name} draws")
-    series, cells = results.by_key, []
-    for curve in figure.curves:
-        smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan
-        cells.append((curve, figure.h or smallest))
-    path, recorded = read_recorded(results.folder, figure.study, figure.kind, cells)
-    recorded_of = {c.key: r for c, r in zip(figure.curves, recorded, strict=True) if r}
-    missing = [curve.label for curve in figure.curves if curve.key not in recorded_of]
+    series, sizes = results.by_key, {}
+    for key in (curve.key for curve in figure.curves):
+        smallest = float(series[key].h.min()) if key in series else math.nan
+        sizes[key] = figure.h or smallest
+    path, found = recorded(results.folder, figure.study, figure.kind, sizes)
+    missing = [curve.label for curve in figure.curves if curve.key not in found]
     if missing:
         raise lacks(path, figure, missing)
-    return recorded_of
+    return found
 
 
 def _history_look(place: int, count: int) -> Look:
@@ -252,19 +254,19 @@ def _history(figure: Figure, results: Results) -> Sheet:
 
     Of the multipliers the one of a joint is drawn that is largest in the last curve.
     """
-    recorded = _over_time(figure, results)
-    histories = [recorded[curve.key] for curve in figure.curves]
+    over_time = _over_time(figure, results)
+    histories = [over_time[curve.key] for curve in figure.curves]
     # What keeps a body of directors rigid is no reaction.
-    reaction = np.array(["·" not in name for name in histories[-1].names])
+    reaction = np.array(["·" not in name for name in histories[-1].columns])
     largest = np.max(np.abs(histories[-1].values), axis=0)
     component = int(np.argmax(np.where(reaction, largest, -1.0)))
-    name = histories[-1].names[component]
+    name = histories[-1].columns[component]
     of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name.removeprefix('bodies.')}"
     series = tuple(
         Trace(
             curve.label,
-            history.t,
-            history.values[:, component],
+            history.index.to_numpy(),
+            history.to_numpy()[:, component],
             _history_look(place, len(histories)),
             said=f"{curve.label}: |λ| up to {np.max(np.abs(history.values)):.3g}",
         )
@@ -304,18 +306,17 @@ def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
 
 def _drift(figure: Figure, results: Results) -> Sheet:
     """Misfits over time on logarithmic ordinates."""
-    recorded = _over_time(figure, results)
+    over_time = _over_time(figure, results)
     labels = list(dict.fromkeys(curve.label for curve in figure.curves))
     panels = []
     for part in figure.parts:
         drawn = []
         for curve in part.curves:
-            drift = recorded[curve.key]
-            values = drift.values[:, DRIFTS.index(curve.quantity)]
+            values = over_time[curve.key][curve.quantity]
             shown = np.where(values < _LEAST_DRIFT, np.nan, values)
             said = f"{part.title}, {curve.label}: up to {np.max(values):.2g}"
             own = replace(look(labels.index(curve.label)), marker="", linewidth=0.9)
-            drawn.append(Trace(curve.label, drift.t, shown, own, said=said))
+            drawn.append(Trace(curve.label, values.index.to_numpy(), shown, own, said=said))
         most = max(np.nanmax(trace.y, initial=_LEAST_DRIFT) for trace in drawn)
         least = min(np.nanmin(trace.y, initial=float(most)) for trace in drawn)
         panels.append(
