@@ -14,8 +14,7 @@ import numpy as np
 
 from newmark_cli.newmark.linear.choice import SPARSE, STATIC
 from newmark_cli.newmark.orders import UNKNOWNS
-from newmark_cli.report.drawing.sheets import Results
-from newmark_cli.report.drawing.work import Costs, costs
+from newmark_cli.report.drawing.sheets import Costs, Results, costs
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading.choosing import grouped
 from newmark_cli.report.reading.figures import (
