@@ -21,7 +21,7 @@ from newmark_cli.cli.commands import cli
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.reading.figures import Figure
-from newmark_cli.report.tables import check, predicted_tables
+from newmark_cli.report.tables import check, theory
 from newmark_cli.report.tables.table import markdown_table
 from newmark_cli.study import axes, catalogue, csv_files, schema
 from newmark_cli.study.measures import MEASURES, Record
@@ -445,7 +445,7 @@ def docstrings() -> str:
 
 def orders_page() -> str:
     """Predicted orders of all formulations and forms."""
-    report = predicted_tables.formulations().written("markdown").strip()
+    report = theory.formulations().written("markdown").strip()
     return (
         "# Predicted orders\n\n`newmark-study tables --formulations` prints these tables. "
         "[Theory](../theory.md) says how the orders are found.\n\n"

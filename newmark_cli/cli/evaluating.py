@@ -275,7 +275,7 @@ def tables(
     """
     from newmark_cli.report.judging import slopes
     from newmark_cli.report.reading.choosing import Choice
-    from newmark_cli.report.tables import paper_tables, predicted_tables, study_tables
+    from newmark_cli.report.tables import study_tables, theory
     from newmark_cli.study.csv_rows import read_record
 
     choice = Choice(measure, chosen)
@@ -294,9 +294,9 @@ def tables(
     if choosing:
         raise InputError("tables: options that choose rows, columns or series need a STUDY")
     if formulations:
-        show_report(folder, predicted_tables.formulations(), written)
+        show_report(folder, theory.formulations(), written)
         return 0
-    return show_tables(folder, slopes.collect(folder, [paper_tables.STUDY]), written)
+    return show_tables(folder, slopes.collect(folder, [study_tables.PAPER]), written)
 
 
 @click.command()
@@ -412,9 +412,9 @@ def show_report(folder: Path, report: "Report", form: str | None) -> None:
 
 def show_tables(folder: Path, slopes: "Sequence[Slope]", form: str | None = None) -> int:
     """Print Tables 1 and 2; 1 when an entry is not as predicted."""
-    from newmark_cli.report.tables import paper_tables
+    from newmark_cli.report.tables import study_tables
 
-    for table in paper_tables.reports(slopes):
+    for table in study_tables.paper_reports(slopes):
         show_report(folder, table, form)
         screen.line()
-    return 1 if paper_tables.not_as_predicted(slopes) else 0
+    return 1 if study_tables.not_as_predicted(slopes) else 0

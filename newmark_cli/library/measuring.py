@@ -151,8 +151,8 @@ def slopes(
 
 def _unexpected(slope: Slope) -> Slope:
     """A series of a method that nobody says, which may have any order."""
-    if slope.measure == "error" and slope.rejudged is not None:
-        slope = slope.rejudged(math.nan, None)
+    if slope.measure == "error":
+        slope = slope.judged(math.nan)
         if slope.verdict != SHOWN:
             return slope
     return shown(slope)

@@ -15,7 +15,7 @@ from newmark_cli.report.judging import expectations, slopes
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
-from newmark_cli.report.tables import check, outcomes, paper_tables, study_tables
+from newmark_cli.report.tables import check, outcomes, study_tables
 from newmark_cli.report.tables.table import Report
 from newmark_cli.study.csv_rows import read_record
 from newmark_cli.support import files
@@ -129,8 +129,8 @@ def _tables(folder: Path, series: Sequence[Slope]) -> list[Report]:
     reports = []
     for study in dict.fromkeys(slope.study for slope in series):
         ours = [slope for slope in series if slope.study == study]
-        if study == paper_tables.STUDY and ours[0].shipped:
-            reports += paper_tables.reports(ours)
+        if study == study_tables.PAPER and ours[0].shipped:
+            reports += study_tables.paper_reports(ours)
         else:
             layouts = study_tables.defined(folder, study)
             record = read_record(folder / f"{study}.csv")

@@ -27,7 +27,7 @@ from newmark_cli.newmark.own_integrator import NAMED, OwnIntegrator
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning
 from newmark_cli.newmark.scheme import Tolerance
 from newmark_cli.newmark.steps import CONSTANT, LEVELS, SEQUENCES, SequenceError, StepSequence
-from newmark_cli.study import axes, own_classes
+from newmark_cli.study import axes
 from newmark_cli.study.axes import SATURATION
 from newmark_cli.study.axis import Axis
 from newmark_cli.study.cell import NOT_CONVERGING, STATUSES, Window
@@ -44,7 +44,7 @@ from newmark_cli.study.kinds import (
     unknown,
 )
 from newmark_cli.study.measures import MEASURES
-from newmark_cli.study.subjects import Surroundings, problem_of
+from newmark_cli.study.subjects import Surroundings, own_integrator_of, problem_of
 from newmark_cli.support import documents
 from newmark_cli.support.documents import WHOLE, Document, Number, RuledModel, StrictModel, misfit
 from newmark_cli.support.errors import warn
@@ -222,7 +222,7 @@ class IntegratorConfig(MethodConfig):
         methods = {method: integrator.parameters(method) for method in self.METHODS}
         documents.together(self._of_others(methods))
         if NAMED.fullmatch(self.method):
-            self._own = own_classes.loaded(self.method, info.context or Surroundings())
+            self._own = own_integrator_of(self.method, info.context or Surroundings())
         try:
             note = self.value().note
         except TypeError:

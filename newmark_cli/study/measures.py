@@ -264,9 +264,10 @@ def _order_of_drift(key: SeriesKey) -> float:
     return march.drift(key.quantity)
 
 
-_LABELS_OF_DRIFTS = {
-    "position": r"largest $|\Phi_k|/\|G_k\|$ (m)",
-    "velocity": r"largest $|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
+#: Labels of drifts, as mathtext.
+DRIFT_LABELS = {
+    "position": r"$|\Phi_k|/\|G_k\|$ (m)",
+    "velocity": r"$|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
 }
 
 
@@ -274,8 +275,8 @@ def _over_time(name: str, quantities: tuple[str, ...]) -> Record:
     return Record(
         name,
         lambda key: f"{symbol(key.quantity)} over time",
-        lambda key: _LABELS_OF_DRIFTS.get(
-            key.quantity, rf"largest $|{_math(key.quantity)}|$ along the way"
+        lambda key: (
+            "largest " + DRIFT_LABELS.get(key.quantity, rf"$|{_math(key.quantity)}|$ along the way")
         ),
         "max",
         quantities=quantities,

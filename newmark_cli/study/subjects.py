@@ -1,12 +1,12 @@
-"""The problem that a study config names."""
+"""The problem that a study config names, and an integrator of the user's own."""
 
 import re
 from collections.abc import Callable, Hashable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pydantic import TypeAdapter, ValidationInfo
 
@@ -14,8 +14,11 @@ from newmark_cli.mechanisms import loading, spec, tables_beside
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.registry import PROBLEMS
 from newmark_cli.mechanisms.spec import ProblemSpec
+from newmark_cli.newmark import own_integrator
+from newmark_cli.newmark.own_integrator import OwnIntegrator
+from newmark_cli.problems import user_code
 from newmark_cli.study.kinds import unknown
-from newmark_cli.support import documents
+from newmark_cli.support import apart, documents
 from newmark_cli.support.documents import misfit
 from newmark_cli.support.errors import InputError
 
@@ -129,3 +132,39 @@ def _read_once(
     if problem is None:
         raise documents.reported()
     return problem
+
+
+def own_integrator_of(name: str, around: Surroundings) -> OwnIntegrator:
+    """The integrator that a class is.
+
+    Args:
+        name: ``file.py:Class``.
+        around: Where the file is looked for, and whether its code may run.
+
+    Raises:
+        ValueError: When it cannot be used: which, and why.
+    """
+    file = name.rpartition(":")[0]
+    if not around.allow_code:
+        raise ValueError(f"{file} is code, which runs only with --allow-code")
+    path = (around.folder / file).absolute()
+    try:
+        return _integrator(name, path, path.read_bytes(), around.timeout)
+    except OSError as error:
+        raise ValueError(f"{file}: cannot be read: {error.strerror}") from None
+    except (InputError, apart.ApartError) as error:
+        raise ValueError(str(error)) from None
+
+
+@lru_cache(maxsize=64)
+def _integrator(name: str, path: Path, source: bytes, timeout: float | None) -> OwnIntegrator:
+    found = apart.call(_integrator_made, (name, path, source), timeout)
+    assert isinstance(found, OwnIntegrator)
+    return found
+
+
+def _integrator_made(name: str, path: Path, source: bytes) -> OwnIntegrator:
+    """The integrator, in a process apart."""
+    file, _, kind = name.rpartition(":")
+    made = partial(own_integrator.of, name)
+    return cast(OwnIntegrator, user_code.made_of(path, source, kind, made, file, "class "))

@@ -8,16 +8,16 @@ would repeat what tells a cell from others for every number.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from newmark_cli.newmark.kept import KEEPABLE
+from newmark_cli.newmark.kept import DRIFT, KEEPABLE
 from newmark_cli.study import axes, csv_files, csv_rows
-from newmark_cli.study.axes import Cell
-from newmark_cli.study.cell import Outcome
+from newmark_cli.study.axes import Cell, SeriesKey
+from newmark_cli.study.cell import DRIFTS, Outcome
 from newmark_cli.study.csv_files import HISTORY_COLUMNS, HISTORY_MAY_HAVE
 from newmark_cli.support import files
 from newmark_cli.support.errors import ResultsError
@@ -115,3 +115,47 @@ def _read_parquet(path: Path, content: bytes | OSError) -> "pd.DataFrame":
     except (pa.ArrowException, OSError) as error:
         raise ResultsError(f"{path}: not Parquet: {str(error).splitlines()[0]}") from None
     return frame
+
+
+# -- multipliers and drifts over time, for figures -----------------------------------------------
+
+
+def recorded(
+    folder: Path, study: str, kind: str, sizes: Mapping[SeriesKey, float]
+) -> tuple[Path, dict[SeriesKey, "pd.DataFrame"]]:
+    """The file of a study, and what it has of cells over time, by their series, the start left out.
+
+    A frame has times (s), ascending, as its index.  Columns are multipliers by their constraints,
+    or by numbers in files of older versions, or drifts: ``position``, misfits of Φ (m), and
+    ``velocity``, those of its rate (m/s).
+
+    Args:
+        folder, study: The results folder, and the study.
+        kind: history or drift.
+        sizes: Series → step size (s) of the cell.
+    """
+    path = csv_files.trajectory_path(folder, study)
+    former = folder / kind / path.name  # of versions before 0.4
+    content = csv_files.read(folder / path.name, series=True)[former]
+    if isinstance(content, FileNotFoundError):
+        frame = read(folder, study)
+    else:
+        path, frame = former, parse(former, content)
+    wanted, listed = ("lambda", ()) if kind == "history" else (DRIFT, DRIFTS)
+    # Files of older versions number the multipliers, lambda_1, or have drifts by their names.
+    columns = [n for n in frame.columns if n in listed or n.startswith((f"{wanted}[", "lambda_"))]
+    if not columns:
+        raise ResultsError(f"{path}, line 1: no columns {wanted}[…]; run it with 'keep: {wanted}'")
+    names = {name: name.removeprefix(wanted).strip("[]_") for name in columns}
+    kept = frame.loc[frame["step"] > 0]
+    found = {}
+    for key, h in sizes.items():
+        rows = np.isclose(kept["h"], h, rtol=1e-9, atol=0)
+        for axis in (axes.STUDY, *axes.cell_axes()):
+            if axis.series and axis.name in kept.columns:
+                rows &= kept[axis.name].map(axis.same).to_numpy() == getattr(key, axis.name)
+        # Problems with fewer multipliers leave the last columns empty.
+        own = kept.loc[rows, ["t", *columns]].sort_values("t").dropna(axis="columns", how="all")
+        if own.size:
+            found[key] = own.set_index("t").rename(columns=names)
+    return path, found

@@ -11,7 +11,7 @@ import newmark_cli
 from newmark_cli.newmark.forms import FORMS
 from newmark_cli.newmark.integrator import GeneralizedAlpha
 from newmark_cli.report.judging.verdicts import MISS, UNDECIDED
-from newmark_cli.report.tables import predicted_tables
+from newmark_cli.report.tables import theory
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import RECORDS
 
@@ -135,7 +135,7 @@ def test_tables_of_formulations(cli):
     folder = cli.folder / "results/tables"
     assert {f.name for f in folder.iterdir()} == {f"formulations.{s}" for s in ("md", "csv", "tex")}
     rows = rows_in(folder / "formulations.csv")
-    titles = predicted_tables.TITLES
+    titles = theory.TITLES
     assert len(rows) == 3 * 7 * len(titles) + 1
     bounds = {(r["formulation"], r["form"]) for r in rows if r["Δv"].startswith("≥")}
     assert ("index-1", "(u, v, a, λ)") in bounds

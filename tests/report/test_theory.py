@@ -17,7 +17,7 @@ from newmark_cli.newmark.orders import derive_scaling, form_orders
 from newmark_cli.newmark.perturbation import perturbation, sensitivities
 from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.report.judging.verdicts import PASS
-from newmark_cli.report.tables import paper_tables
+from newmark_cli.report.tables import study_tables
 
 #: Powers of h in Table 2, typed again; the V row is h¹.
 POWERS = {
@@ -102,7 +102,7 @@ def test_sensitivities_are_columns_of_the_inverse(name, form, variant):
 @pytest.fixture(scope="module")
 def entries(committed_results):
     """Table, column and series of the entries of both tables, from the committed results."""
-    found = paper_tables.entries(committed_results(paper_tables.STUDY).slopes)
+    found = study_tables.paper_entries(committed_results(study_tables.PAPER).slopes)
     return [(*name.removeprefix("Table ").split(", "), slope) for name, slope in found]
 
 

@@ -14,16 +14,15 @@ import numpy as np
 
 from newmark_cli.newmark.linear.choice import SPARSE, STATIC
 from newmark_cli.newmark.orders import UNKNOWNS
-from newmark_cli.report.drawing.sheets import Results
-from newmark_cli.report.drawing.work import Costs, costs
+from newmark_cli.report.drawing.sheets import Costs, Results, costs
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading.choosing import grouped
 from newmark_cli.report.reading.figures import (
     Figure,
     Part,
     curve_of,
+    figure_of,
     label_of,
-    looks_of,
     side_by_side,
 )
 from newmark_cli.study import axes
@@ -150,18 +149,9 @@ def _arranged(
             )
             for at, of_panel in grid
         )
-        yield Figure(
-            "-".join((study, *name))[:180],
-            title,
-            study,
-            parts,
-            definition.columns or _columns([at for at, _ in grid]),
-            definition.drawn_as,
-            note=definition.note or "",
-            h=definition.h,
-            looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
-            style=definition.style or {},
-        )
+        columns = definition.columns or _columns([at for at, _ in grid])
+        stem = "-".join((study, *name))[:180]
+        yield figure_of(definition, stem, title, study, parts, columns=columns)
 
 
 def _told_apart(

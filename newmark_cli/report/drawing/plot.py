@@ -8,8 +8,7 @@ from typing import Any, TypeVar
 
 from newmark_cli.report.drawing import automatic
 from newmark_cli.report.drawing.panels import Sheet
-from newmark_cli.report.drawing.sheets import Results, require, sheet
-from newmark_cli.report.drawing.work import COSTS
+from newmark_cli.report.drawing.sheets import COSTS, Results, require, sheet
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES, TABLED, Figure, of_study

@@ -8,21 +8,61 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain
-from newmark_cli.report.drawing.work import COSTS, costed, ends
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
-from newmark_cli.report.reading.figures import Curve, Figure, Part, floor_of
-from newmark_cli.report.reading.history import Recorded, read_recorded
+from newmark_cli.report.reading.figures import Curve, Figure, Part
 from newmark_cli.report.reading.words import power, quantity, scalings
+from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
-from newmark_cli.study.cell import DRIFTS
+from newmark_cli.study.measures import DRIFT_LABELS, FLOOR_OF
+from newmark_cli.study.trajectories import recorded
+from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError, ResultsError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+#: Series → cost of the cell behind each of its points; NaN where it is not known.
+Costs = Mapping[SeriesKey, Array]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What the work of a cell is measured by."""
+
+    key: str  #: of a cell in a record
+    label: str  #: of an axis
+    unit: str  #: behind a number
+    lacking: str  #: what to do where a record lacks it
+    about: str = ""  #: how it is counted, beside a figure
+
+
+#: By name, as `Results` has it.
+COSTS: Mapping[str, Cost] = MappingProxyType(
+    {
+        "operations": Cost(
+            "operations",
+            "multiplications and additions",
+            "operations",
+            "no operations were counted; run the study again",
+            r"each system of $N$ unknowns and $E$ entries counts $2E^2/(3N) + 2E$",
+        ),
+        "wall-time": Cost(
+            "march_seconds",
+            "wall time of the march (s)",
+            "s",
+            "no march was timed; run the study again with --timed --force",
+        ),
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -31,7 +71,7 @@ class Results:
 
     folder: Path  #: results folder
     slopes: Sequence[Slope]  #: series of its CSVs
-    #: What work is measured by, of `newmark_cli.report.drawing.work.COSTS`.
+    #: What work is measured by, of `COSTS`.
     cost: str = "operations"
     #: Study → its record, of rows that no folder has; None to read those of the folder.
     in_memory: Mapping[str, Mapping[str, Any]] | None = None
@@ -77,6 +117,68 @@ def lacks(path: Path, figure: "Figure", missing: Iterable[str]) -> ResultsError:
         return ResultsError(f"{path}: no results for figure {figure.name}; {command} first")
     named = ", ".join(dict.fromkeys(missing))
     return ResultsError(f"{path}: figure {figure.name} needs {named}; {command} again")
+
+
+# -- work and precision: the error that a cell leaves against the work that it takes --------------
+
+
+def costs(results: Results, slopes: Sequence[Slope]) -> Costs:
+    """Costs of the cells behind the points of series, from the records of their studies."""
+    key = COSTS[results.cost].key
+    studies = dict.fromkeys(slope.study for slope in slopes)
+    of_study = {study: _of_cells(results.record(study), key) for study in studies}
+    return {
+        slope.key: np.array(
+            [
+                of_study[slope.study].get((*_cell(slope.key.named()), h, steps), np.nan)
+                for h, steps in zip(slope.h.tolist(), slope.steps.tolist(), strict=True)
+            ]
+        )
+        for slope in slopes
+    }
+
+
+def _of_cells(record: Mapping[str, Any], key: str) -> dict[tuple[Any, ...], float]:
+    costs_of = {}
+    for cell in records.cells_of(record):
+        if isinstance(cell.get("h"), int | float) and isinstance(cell.get("steps"), int):
+            place = *_cell(cell), float(cell["h"]), float(cell["steps"])
+            costs_of[place] = records.number(cell, key)
+    return costs_of
+
+
+def _cell(labels: Mapping[str, Any]) -> tuple[str, ...]:
+    """Labels that identify a cell but for its step size, from its record or a series."""
+    return tuple(
+        axis.same(str(labels.get(axis.name, axis.usual)))
+        for axis in axes.cell_axes()
+        if axis.cell and axis.series
+    )
+
+
+def costed(figure: Figure, results: Results) -> tuple[Mapping[SeriesKey, Slope], Costs]:
+    """Series of a figure, and costs of their cells; raises `ResultsError` if one has none."""
+    slopes = results.series(figure)
+    spent = costs(results, list(slopes.values()))
+    if not all(np.isfinite(spent[key]).any() for key in slopes):
+        raise ResultsError(
+            f"{results.folder / figure.study}.json: figure {figure.name}: "
+            f"{COSTS[results.cost].lacking}"
+        )
+    return slopes, spent
+
+
+def ends(slope: Slope, spent: Array, cost: Cost) -> str:
+    """A series in words: its value and its cost at the largest and at the smallest step size."""
+    order = np.argsort(-slope.h)
+    known = order[np.isfinite(spent[order]) & np.isfinite(slope.values[order])].tolist()
+    return "; ".join(
+        f"{slope.values[i]:.3g} in {spent[i]:.3g} {cost.unit} at h = {slope.h[i]:g}"
+        for i in dict.fromkeys((known[0], known[-1]))
+    )
+
+
+# -- from figures to sheets ------------------------------------------------------------------------
 
 
 def require(figure: Figure, results: Results) -> None:
@@ -202,11 +304,12 @@ def _same(slope: Slope) -> tuple[str, ...]:
 
 def _floors(part: Part, slopes: Mapping[SeriesKey, Slope]) -> list[Trace]:
     """Predicted floors of the measured series that have them."""
-    keys = (floor_of(curve.key) for curve in part.curves)
+    named = (curve.key.named() for curve in part.curves if curve.measure in FLOOR_OF)
+    keys = (SeriesKey.of(of | {"measure": FLOOR_OF[of["measure"]]}) for of in named)
     return [
         traces.trace(slopes[key], "predicted floor", _FLOOR, "predicted floor")
         for key in keys
-        if key is not None and key in slopes
+        if key in slopes
     ]
 
 
@@ -220,26 +323,21 @@ _OVER_TIME = (
 )
 #: Least drift that is drawn (m, m/s): what is smaller is rounding, or exactly 0.
 _LEAST_DRIFT = 1e-18
-_DRIFTS = {
-    "position": r"$|\Phi_k|/\|G_k\|$ (m)",
-    "velocity": r"$|(G^T v + \Phi_t)_k|/\|G_k\|$ (m/s)",
-}
 
 
-def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, Recorded]:
+def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, "pd.DataFrame"]:
     """Recorded time series of a figure; raises `ResultsError` if one is missing."""
     if results.in_memory is not None:
         raise ResultsError(f"{results.folder}: no trajectories, which figure {figure.name} draws")
-    series, cells = results.by_key, []
-    for curve in figure.curves:
-        smallest = float(series[curve.key].h.min()) if curve.key in series else math.nan
-        cells.append((curve, figure.h or smallest))
-    path, recorded = read_recorded(results.folder, figure.study, figure.kind, cells)
-    recorded_of = {c.key: r for c, r in zip(figure.curves, recorded, strict=True) if r}
-    missing = [curve.label for curve in figure.curves if curve.key not in recorded_of]
+    series, sizes = results.by_key, {}
+    for key in (curve.key for curve in figure.curves):
+        smallest = float(series[key].h.min()) if key in series else math.nan
+        sizes[key] = figure.h or smallest
+    path, found = recorded(results.folder, figure.study, figure.kind, sizes)
+    missing = [curve.label for curve in figure.curves if curve.key not in found]
     if missing:
         raise lacks(path, figure, missing)
-    return recorded_of
+    return found
 
 
 def _history_look(place: int, count: int) -> Look:
@@ -255,19 +353,19 @@ def _history(figure: Figure, results: Results) -> Sheet:
 
     Of the multipliers the one of a joint is drawn that is largest in the last curve.
     """
-    recorded = _over_time(figure, results)
-    histories = [recorded[curve.key] for curve in figure.curves]
+    over_time = _over_time(figure, results)
+    histories = [over_time[curve.key] for curve in figure.curves]
     # What keeps a body of directors rigid is no reaction.
-    reaction = np.array(["·" not in name for name in histories[-1].names])
+    reaction = np.array(["·" not in name for name in histories[-1].columns])
     largest = np.max(np.abs(histories[-1].values), axis=0)
     component = int(np.argmax(np.where(reaction, largest, -1.0)))
-    name = histories[-1].names[component]
+    name = histories[-1].columns[component]
     of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name.removeprefix('bodies.')}"
     series = tuple(
         Trace(
             curve.label,
-            history.t,
-            history.values[:, component],
+            history.index.to_numpy(),
+            history.to_numpy()[:, component],
             _history_look(place, len(histories)),
             said=f"{curve.label}: |λ| up to {np.max(np.abs(history.values)):.3g}",
         )
@@ -307,25 +405,24 @@ def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
 
 def _drift(figure: Figure, results: Results) -> Sheet:
     """Misfits over time on logarithmic ordinates."""
-    recorded = _over_time(figure, results)
+    over_time = _over_time(figure, results)
     labels = list(dict.fromkeys(curve.label for curve in figure.curves))
     panels = []
     for part in figure.parts:
         drawn = []
         for curve in part.curves:
-            drift = recorded[curve.key]
-            values = drift.values[:, DRIFTS.index(curve.quantity)]
+            values = over_time[curve.key][curve.quantity]
             shown = np.where(values < _LEAST_DRIFT, np.nan, values)
             said = f"{part.title}, {curve.label}: up to {np.max(values):.2g}"
             own = replace(look(labels.index(curve.label)), marker="", linewidth=0.9)
-            drawn.append(Trace(curve.label, drift.t, shown, own, said=said))
+            drawn.append(Trace(curve.label, values.index.to_numpy(), shown, own, said=said))
         most = max(np.nanmax(trace.y, initial=_LEAST_DRIFT) for trace in drawn)
         least = min(np.nanmin(trace.y, initial=float(most)) for trace in drawn)
         panels.append(
             Panel(
                 tuple(drawn),
                 "time $t$ (s)",
-                _DRIFTS[part.curves[0].quantity],
+                DRIFT_LABELS[part.curves[0].quantity],
                 part.titles if len(figure.parts) > 1 else (),
                 x_scale="linear",
                 y_limits=(0.1 * float(least), 10 * float(most)),

@@ -23,11 +23,6 @@ from newmark_cli.study.measures import is_dimensionless
 from newmark_cli.support.arrays import Mask
 
 
-def step_label(problem: str) -> str:
-    """Label of the abscissa of a problem: the step size, and its unit."""
-    return f"step size $h$ ({'dimensionless' if is_dimensionless(problem) else 's'})"
-
-
 def fit_text(slope: Slope) -> str:
     """The fitted slope of a series that has one, and its verdict if it is not as predicted."""
     verdict = slope.verdict if slope.missed else ""
@@ -88,7 +83,7 @@ def panel(
         label += NOT_UNIQUE
     return Panel(
         tuple(traces),
-        step_label(slopes[0].problem),
+        f"step size $h$ ({'dimensionless' if is_dimensionless(slopes[0].problem) else 's'})",
         label,
         titles,
         y_scale="linear" if record.linear else "log",

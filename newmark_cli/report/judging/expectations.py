@@ -167,8 +167,7 @@ _Finding = tuple[str, float, str, str]
 def _judged(wanted: ExpectConfig, slope: Slope) -> Iterator[tuple[str, _Finding]]:
     """Each assertion of an expectation in words, with its finding."""
     if wanted.slope is not None:
-        assert slope.rejudged is not None
-        again = slope.rejudged(wanted.slope, wanted.within)
+        again = slope.judged(wanted.slope, wanted.within)
         # An order that is given can be judged, or its data lack something.
         verdict = INCOMPLETE if again.verdict == SHOWN else again.verdict
         orders = "" if verdict == PASS else f"local orders {format_orders(slope)}"

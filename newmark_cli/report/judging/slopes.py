@@ -7,7 +7,7 @@ table of expected numbers.  Where theory predicts none, the series is shown.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -72,36 +72,53 @@ COLUMNS = axes.appended(
 )
 
 
+def _no_points() -> Array:
+    return np.array([])
+
+
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """A series with its fit and what theory says."""
+    """A series, its fit and what theory says; `judged` fills in what comes of it."""
 
-    figures: tuple[str, ...]  #: figures that draw it, by number or word
     key: SeriesKey  #: what tells it from others; every axis is an attribute, as in the CSV
     role: str  #: as in the CSV
-    h: Array  #: (points,) step sizes, the largest first
-    steps: Array  #: (points,) steps of the run
+    h: Array = field(default_factory=_no_points)  #: (points,) step sizes, the largest first
+    steps: Array = field(default_factory=_no_points)  #: (points,) steps of the run
     #: (points,) the statistic that is drawn; where a Krylov solver stagnated, the number of
     #: iterations that it was allowed.
-    values: Array
+    values: Array = field(default_factory=_no_points)
     #: (points,) what rounding alone changes in each value; NaN where it is not known.
-    rounding: Array
-    statuses: tuple[str, ...]  #: status of the cell behind each point
-    #: (points,) which of them the fit is for; see `newmark_cli.report.judging.verdicts`.
-    fitted: Mask
-    fit: Fit  #: power law through them
-    expected: float  #: predicted order; NaN where theory says nothing
-    tolerance: float  #: largest |fit.slope − expected|; NaN likewise
-    verdict: str  #: one of the words of `newmark_cli.report.judging.verdicts`
-    reason: str = ""  #: what else there is to say, in a sentence; may be empty
-    accepted: bool = False  #: whether the study is about series that end like this; see `accept`
+    rounding: Array = field(default_factory=_no_points)
+    statuses: tuple[str, ...] = ()  #: status of the cell behind each point
+    together: bool = True  #: whether all runs end at the same time
+    most: int = 0  #: step sizes that series of its case have
+    lost: str = ""  #: why marches are not of the motion; empty where nothing tells
+    drawn_in: Sequence[Figure] = ()  #: figures that draw it
+    accepts: Collection[str] = ()  #: statuses and verdicts that the study is about
+    recorded: Mapping[str, Any] = field(default_factory=dict, repr=False)  #: record of the study
     shipped: bool = False  #: whether it is of a shipped study, and not of a namesake
-    in_paper: bool = False  #: whether `check` lists it first; see `Figure.in_paper`
+    path: Path = Path()  #: where it stands, for messages
+    #: (points,) which of them the fit is for; see `newmark_cli.report.judging.verdicts`.
+    fitted: Mask = field(default_factory=lambda: np.array([], bool))
+    #: Power law through them.
+    fit: Fit = field(default_factory=lambda: Fit(np.nan, np.nan, 0))
+    expected: float = np.nan  #: predicted order; NaN where theory says nothing
+    tolerance: float = np.nan  #: largest |fit.slope − expected|; NaN likewise
+    verdict: str = INCOMPLETE  #: one of the words of `newmark_cli.report.judging.verdicts`
+    reason: str = ""  #: what else there is to say, in a sentence; may be empty
+    accepted: bool = False  #: whether the study is about series that end like this
     #: Whether it is a property of the mechanism, not of which redundant constraints were dropped.
     unique: bool = True
-    #: (order, tolerance) → the same series as the same rule judges it by an order of the user's,
-    #: NaN where any will do; the tolerance of the measure where it is None.
-    rejudged: "Callable[[float, float | None], Slope] | None" = field(default=None, repr=False)
+
+    @property
+    def figures(self) -> tuple[str, ...]:
+        """Figures that draw it, by number or word."""
+        return tuple(figure.name for figure in self.drawn_in)
+
+    @property
+    def in_paper(self) -> bool:
+        """Whether `check` lists it first; see `Figure.in_paper`."""
+        return any(figure.in_paper for figure in self.drawn_in)
 
     @property
     def missed(self) -> bool:
@@ -166,6 +183,128 @@ class Slope:
             **self.key.named(),
         }
 
+    def judged(self, own: float | None = None, within: float | None = None) -> "Slope":
+        """It with a verdict, by the predicted order or one of the user's, NaN where any will do.
+
+        Without ``within`` the tolerance of the user's order is that of the measure.
+        """
+        written, statuses = own is not None, {*self.statuses}
+        expected = _predicted(self.key, self.path) if own is None else own
+        # A cell that was expected to end like this measured something else.
+        if not written and not statuses <= {"ok"} and statuses <= {*self.accepts}:
+            expected = np.nan
+        exact = bool(np.isposinf(expected))
+        expected = np.nan if exact else expected  # no order at all
+        tolerance = within or self._tolerance(() if written else self.drawn_in)
+        tolerance = np.nan if np.isnan(expected) else tolerance
+        judgement = self._judgement(expected, tolerance, exact, written)
+        verdict, reason = self._on_this_motion(judgement, written)
+        # Where theory predicts an order, nobody can accept another.
+        ends_as_accepted = judgement.verdict == NOT_CONVERGING and STALLING in self.accepts
+        dropped = "" if written else self._dropped
+        return replace(
+            self, fitted=judgement.fitted, fit=judgement.fit, expected=expected,
+            tolerance=tolerance, verdict=verdict, reason=joined(reason, dropped),
+            accepted=ends_as_accepted and bool(np.isnan(expected)), unique=not dropped,
+        )  # fmt: skip
+
+    def _tolerance(self, figures: Sequence[Figure]) -> float:
+        """The strictest tolerance of the figures with the series, else that of its measure."""
+        own = [figure.tolerance for figure in figures if figure.tolerance is not None]
+        default = self.record.tolerance_at_start if self.key.initial else None
+        return min(own, default=self.record.tolerance if default is None else default)
+
+    def _judgement(
+        self, expected: float, tolerance: float, exact: bool, written: bool
+    ) -> Judgement:
+        """The verdict by the points; the order of a user is neither a bound nor met by zeros."""
+        key, record, h, values = self.key, self.record, self.h, self.values
+        ended = [status for status in dict.fromkeys(self.statuses) if status != "ok"]
+
+        def plain(verdict: str, reason: str = "") -> Judgement:
+            return Judgement(verdict, power_law(h, values), np.full(len(h), True), reason)
+
+        if not np.isnan(expected):
+            # An exact zero at every h is within any order: a block that this problem lacks.
+            if record.may_vanish and not written and bool((values == 0).all()):
+                return plain(PASS, "exactly 0: the problem lacks this block")
+            if ended:
+                return plain(INCOMPLETE, f"cells ended {', '.join(ended)}")
+            # Errors cost a reference and long runs: cases may have fewer step sizes on purpose.
+            if len(h) < self.most and record.kind != "truncation":
+                return plain(INCOMPLETE, f"{len(h)} of {self.most} h")
+        if record.at_end and not self.together:
+            return plain(SHOWN, "taken at different times")
+        if not {*self.statuses} <= {*record.ok}:
+            return plain(SHOWN)
+        multipliers = key.quantity in OF_MULTIPLIERS
+        regular = key.initial or record.kind == "determined"
+        return judge(
+            Evidence(
+                h=h,
+                values=values,
+                uncertainty=self._uncertainty,
+                steps=self.steps,
+                kind=record.kind,
+                expected=expected,
+                tolerance=tolerance,
+                exact=exact,
+                bound="" if written else record.bounded(key),
+                undamped=multipliers and record.alternates(key),
+                fading=record.fading(key) if multipliers else 0.0,
+                irregular="" if regular else _irregular(self._motion),
+                written=written,
+            )
+        )
+
+    def _on_this_motion(self, judgement: Judgement, written: bool) -> tuple[str, str]:
+        """Verdict and reason where h does not resolve a rate, nothing moves, or something else."""
+        verdict, reason = judgement.verdict, judgement.reason
+        name, rate = Formulation.parse(self.key.formulation).parameter or ("", 0.0)
+        products = rate * self.h
+        slow = np.count_nonzero(products <= _SLOW) >= LEAST
+        # As a pendulum's corrections with α = 1000 and h from 0.1 to 0.003.
+        if verdict == MISS and name == "rate" and not slow and not written:
+            verdict, between = UNDECIDED, f"{products.min():.2g} to {products.max():.2g}"
+            reason = joined(reason, f"α h is {between}: orders show below {_SLOW:g}")
+        if self.key.initial or verdict in (SHOWN, INCOMPLETE) or self.record.kind == "determined":
+            return verdict, reason
+        if self._motion.get("still") is True:
+            return UNDECIDED, "nothing moves: there is only rounding"
+        # An integrator has no say in positions that Φ(u, t) = 0 determines.
+        bare = verdict == UNDECIDED and not judgement.fitted.any()
+        if bare and not written and self._motion.get("driven") is True:
+            return SHOWN, "only rounding: the constraints alone determine it"
+        return verdict, reason if verdict == PASS else joined(reason, self.lost)
+
+    @property
+    def _motion(self) -> Mapping[str, Any]:
+        """What the record says of the motion; see `newmark_cli.study.motion.Facts`."""
+        return mapping(mapping(self.recorded, "motions"), self.key.problem)
+
+    @property
+    def _dropped(self) -> str:
+        """Why reactions are not unique; empty where they are, and of what is no reaction."""
+        key, recorded = self.key, mapping(self.recorded, "not_unique")
+        unlike = key.measure in _OF_VALUES and key.quantity in _SHARED
+        if not unlike or key.problem not in recorded:
+            return ""
+        dropped = map(str, listed(mapping(recorded, key.problem), "released"))
+        return f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
+
+    @property
+    def _uncertainty(self) -> Array:
+        """(points,) relative uncertainty of each value; NaN where it was not measured."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(self.rounding == 0, 0.0, self.rounding / self.values)
+            if self.record.kind == "rounding":
+                # Without blocks of steps the scatter of a normal distribution.
+                sampling = np.where(np.isnan(relative), 1 / np.sqrt(2 * self.steps), relative)
+                return np.asarray(np.sqrt(sampling * sampling + _BINADE**2))
+        if self.record.kind == "determined":
+            return np.nan_to_num(relative, nan=0.0)
+        return np.asarray(relative)
+
 
 def collect(folder: Path, studies: Iterable[str] | None = None) -> list[Slope]:
     """Slopes of every series in a results folder."""
@@ -222,24 +361,25 @@ def study_slopes(
         rows = {name: [columns[name][at[i]] for i in by_size] for name in _READ}
         if not key.measure:
             if not accepted.issuperset(rows["status"]):
-                slopes.append(unmeasured(key, str(row["role"])))
+                slopes.append(Slope(key, str(row["role"])))
             continue
-        series = _Series(
-            key, str(row["role"]), rows, len(sizes[cases[at[0]]]), accepted, record,
-            lost.get(tuple(row[name] for name in marched), ""), drawing.get(key, ()), path,
-            of_shipped,
+        if key.measure not in RECORDS:
+            raise ResultsError(
+                f"{path}: unknown measure {key.measure!r}; is it from a newer version?"
+            )
+        series = Slope(
+            key, str(row["role"]),
+            h=np.array(rows["h"], float), steps=np.array(rows["steps"], float),
+            values=RECORDS[key.measure].drawn(rows), rounding=np.array(rows[ROUNDING], float),
+            statuses=tuple(rows["status"]),
+            together=len({t for t in rows["t_end"] if not np.isnan(t)}) <= 1,
+            most=len(sizes[cases[at[0]]]),
+            lost=lost.get(tuple(row[name] for name in marched), ""),
+            drawn_in=drawing.get(key, ()),
+            accepts=accepted, recorded=record, shipped=of_shipped, path=path,
         )  # fmt: skip
-        slopes.append(series.slope())
+        slopes.append(series.judged())
     return slopes
-
-
-def unmeasured(key: SeriesKey, role: str, reason: str = "") -> Slope:
-    """A series without values, of cells that failed: incomplete."""
-    none = np.array([])
-    return Slope(
-        (), key, role, none, none, none, none, (), none.astype(bool), power_law(none, none),
-        np.nan, np.nan, INCOMPLETE, reason,
-    )  # fmt: skip
 
 
 def write(folder: Path, slopes: Sequence[Slope]) -> None:
@@ -255,147 +395,6 @@ def in_figure_order(slopes: Iterable[Slope]) -> list[Slope]:
     """Slopes that a figure draws, in the order of the figures."""
     drawn = [slope for slope in slopes if slope.figures]
     return sorted(drawn, key=lambda slope: place_of(slope.figures[0]))
-
-
-@dataclass(frozen=True)
-class _Series:
-    """Rows of a series, the largest step size first, and what a verdict on it must know."""
-
-    key: SeriesKey
-    role: str
-    rows: Mapping[str, Sequence[Any]]  #: column → its values
-    points: int  #: step sizes that series of its case have
-    accepted: set[str]  #: statuses and verdicts that the study is about
-    recorded: Mapping[str, Any]  #: the record of the study
-    lost: str  #: why marches are not of the motion; empty where nothing tells
-    figures: Sequence[Figure]  #: that draw it
-    path: Path
-    shipped: bool
-
-    def slope(self, own: float | None = None, within: float | None = None) -> Slope:
-        """It with a verdict, by the predicted order or the user's, with a tolerance."""
-        key, path = self.key, self.path
-        if key.measure not in RECORDS:
-            raise ResultsError(
-                f"{path}: unknown measure {key.measure!r}; is it from a newer version?"
-            )
-        record, statuses = RECORDS[key.measure], {*self.rows["status"]}
-        expected = _predicted(key, path)
-        # A cell that was expected to end like this measured something else.
-        if not statuses <= {"ok"} and statuses <= self.accepted:
-            expected = np.nan
-        exact = bool(np.isposinf(expected))
-        expected = np.nan if exact else expected  # no order at all
-        tolerance = np.nan if np.isnan(expected) else self._tolerance(record, self.figures)
-        if own is not None:
-            expected, tolerance = own, within or self._tolerance(record, ())
-            tolerance = np.nan if np.isnan(own) else tolerance
-            # The order of a user is neither a bound nor met by zeros.
-            exact, record = False, replace(record, may_vanish=False, bounded=lambda key: "")
-        judgement = self._judgement(record, expected, tolerance, exact, own is not None)
-        verdict, reason = self._on_this_motion(record, judgement, own is not None)
-        # Where theory predicts an order, nobody can accept another.
-        ends_as_accepted = judgement.verdict == NOT_CONVERGING and STALLING in self.accepted
-        unique = own is not None or not self._dropped
-        return Slope(
-            tuple(figure.name for figure in self.figures), key, self.role,
-            np.array(self.rows["h"], float), np.array(self.rows["steps"], float),
-            record.drawn(self.rows), np.array(self.rows[ROUNDING], float),
-            tuple(self.rows["status"]), judgement.fitted, judgement.fit,
-            expected, tolerance, verdict, reason if unique else joined(reason, self._dropped),
-            accepted=ends_as_accepted and bool(np.isnan(expected)),
-            shipped=self.shipped,
-            in_paper=any(figure.in_paper for figure in self.figures),
-            unique=unique,
-            rejudged=self.slope,
-        )  # fmt: skip
-
-    def _tolerance(self, record: Record, figures: Sequence[Figure]) -> float:
-        """The strictest tolerance of the figures with the series, else that of its measure."""
-        own = [figure.tolerance for figure in figures if figure.tolerance is not None]
-        default = record.tolerance_at_start if self.key.initial else None
-        return min(own, default=record.tolerance if default is None else default)
-
-    def _judgement(
-        self, record: Record, expected: float, tolerance: float, exact: bool, written: bool
-    ) -> Judgement:
-        """The verdict by the points."""
-        key, rows = self.key, self.rows
-        h, values = np.array(rows["h"], float), record.drawn(rows)
-        ended = [status for status in dict.fromkeys(rows["status"]) if status != "ok"]
-
-        def plain(verdict: str, reason: str = "") -> Judgement:
-            return Judgement(verdict, power_law(h, values), np.full(len(h), True), reason)
-
-        if not np.isnan(expected):
-            # An exact zero at every h is within any order: a block that this problem lacks.
-            if record.may_vanish and bool((values == 0).all()):
-                return plain(PASS, "exactly 0: the problem lacks this block")
-            if ended:
-                return plain(INCOMPLETE, f"cells ended {', '.join(ended)}")
-            # Errors cost a reference and long runs: cases may have fewer step sizes on purpose.
-            if len(h) < self.points and record.kind != "truncation":
-                return plain(INCOMPLETE, f"{len(h)} of {self.points} h")
-        if record.at_end and len({t for t in rows["t_end"] if not np.isnan(t)}) > 1:
-            return plain(SHOWN, "taken at different times")
-        if not {*rows["status"]} <= {*record.ok}:
-            return plain(SHOWN)
-        multipliers = key.quantity in OF_MULTIPLIERS
-        regular = key.initial or record.kind == "determined"
-        return judge(
-            Evidence(
-                h=h,
-                values=values,
-                uncertainty=_uncertainty(record, rows, values),
-                steps=np.array(rows["steps"], float),
-                kind=record.kind,
-                expected=expected,
-                tolerance=tolerance,
-                exact=exact,
-                bound=record.bounded(key),
-                undamped=multipliers and record.alternates(key),
-                fading=record.fading(key) if multipliers else 0.0,
-                irregular="" if regular else _irregular(self._motion),
-                written=written,
-            )
-        )
-
-    def _on_this_motion(
-        self, record: Record, judgement: Judgement, written: bool
-    ) -> tuple[str, str]:
-        """Verdict and reason where h does not resolve a rate, nothing moves, or something else."""
-        verdict, reason = judgement.verdict, judgement.reason
-        name, rate = Formulation.parse(self.key.formulation).parameter or ("", 0.0)
-        products = rate * np.array(self.rows["h"], float)
-        slow = np.count_nonzero(products <= _SLOW) >= LEAST
-        # As a pendulum's corrections with α = 1000 and h from 0.1 to 0.003.
-        if verdict == MISS and name == "rate" and not slow and not written:
-            verdict, between = UNDECIDED, f"{products.min():.2g} to {products.max():.2g}"
-            reason = joined(reason, f"α h is {between}: orders show below {_SLOW:g}")
-        if self.key.initial or verdict in (SHOWN, INCOMPLETE) or record.kind == "determined":
-            return verdict, reason
-        if self._motion.get("still") is True:
-            return UNDECIDED, "nothing moves: there is only rounding"
-        # An integrator has no say in positions that Φ(u, t) = 0 determines.
-        bare = verdict == UNDECIDED and not judgement.fitted.any()
-        if bare and not written and self._motion.get("driven") is True:
-            return SHOWN, "only rounding: the constraints alone determine it"
-        return verdict, reason if verdict == PASS else joined(reason, self.lost)
-
-    @property
-    def _motion(self) -> Mapping[str, Any]:
-        """What the record says of the motion; see `newmark_cli.study.motion.Facts`."""
-        return mapping(mapping(self.recorded, "motions"), self.key.problem)
-
-    @property
-    def _dropped(self) -> str:
-        """Why reactions are not unique; empty where they are, and of what is no reaction."""
-        key, recorded = self.key, mapping(self.recorded, "not_unique")
-        unlike = key.measure in _OF_VALUES and key.quantity in _SHARED
-        if not unlike or key.problem not in recorded:
-            return ""
-        dropped = map(str, listed(mapping(recorded, key.problem), "released"))
-        return f"not unique: redundant, dropped: {', '.join(dropped) or 'some rows'}"
 
 
 #: Largest α h at which a fixed rate of Baumgarte's is one that h resolves.
@@ -440,20 +439,6 @@ def _lost(
 #: Relative standard deviation by which the place of h between powers of two changes what
 #: rounding leaves: ln 2/√12, as the unit in the last place doubles from one to the next.
 _BINADE = math.log(2) / math.sqrt(12)
-
-
-def _uncertainty(record: Record, rows: Mapping[str, Sequence[Any]], values: Array) -> Array:
-    """(points,) relative uncertainty of each value; NaN where it was not measured."""
-    rounding, steps = (np.array(rows[name], float) for name in (ROUNDING, "steps"))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(rounding == 0, 0.0, rounding / values)
-        if record.kind == "rounding":
-            # Without blocks of steps the scatter of a normal distribution.
-            sampling = np.where(np.isnan(relative), 1 / np.sqrt(2 * steps), relative)
-            return np.asarray(np.sqrt(sampling * sampling + _BINADE**2))
-    if record.kind == "determined":
-        return np.nan_to_num(relative, nan=0.0)
-    return np.asarray(relative)
 
 
 def _predicted(key: SeriesKey, path: Path) -> float:

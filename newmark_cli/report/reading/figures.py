@@ -13,7 +13,6 @@ from typing import Any
 from newmark_cli.study import entries, shipped
 from newmark_cli.study.axes import SeriesKey, means, value_text
 from newmark_cli.study.entries import CurveConfig, FigureConfig
-from newmark_cli.study.measures import FLOOR_OF
 
 
 class Curve:
@@ -38,12 +37,6 @@ class Curve:
         if name == "key":
             raise AttributeError(name)
         return str(getattr(self.key, name))
-
-
-def floor_of(key: SeriesKey) -> SeriesKey | None:
-    """The series that predicts a measured one; None for what has no floor."""
-    measure = FLOOR_OF.get(key.measure)
-    return SeriesKey.of(key.named() | {"measure": measure}) if measure else None
 
 
 @dataclass(frozen=True)
@@ -117,26 +110,40 @@ def side_by_side(panels: int) -> int:
     return {1: 1, 2: 1, 4: 2}.get(panels, 3)
 
 
+def figure_of(
+    definition: FigureConfig, name: str, title: str, study: str, parts: tuple[Part, ...], **own: Any
+) -> Figure:
+    """A figure of these panels that looks as a definition says."""
+    return Figure(
+        name,
+        title,
+        study,
+        parts,
+        kind=definition.drawn_as,
+        note=definition.note or "",
+        h=definition.h,
+        looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
+        style=definition.style or {},
+        **own,
+    )
+
+
 def explicit(study: str, definition: FigureConfig) -> Figure:
     """The figure of a definition that names all its series."""
     kind = definition.drawn_as
     measure = "error" if kind == "work" else next(iter(definition.kinds), "")
-    parts = list(_parts(definition, {"study": study, "measure": measure}))
-    return Figure(
+    parts = tuple(_parts(definition, {"study": study, "measure": measure}))
+    return figure_of(
+        definition,
         definition.figure,
         definition.heading or "",
         study,
-        tuple(parts),
-        definition.columns or side_by_side(len(parts)),
-        kind,
-        definition.choice.get("problem", ("",))[0],
-        definition.note or "",
-        definition.h,
-        definition.within,
+        parts,
+        columns=definition.columns or side_by_side(len(parts)),
+        problem=definition.choice.get("problem", ("",))[0],
+        tolerance=definition.within,
         in_paper=definition.within is not None and definition.figure.isdigit(),
         numbered=True,
-        looks=looks_of(definition, (curve for part in parts for curve in part.curves)),
-        style=definition.style or {},
     )
 
 

@@ -10,7 +10,7 @@ from newmark_cli.report.judging.fits import format_fit
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.verdicts import FAILING, INCOMPLETE, PASS, SHOWN, UNDECIDED, joined
 from newmark_cli.report.reading.records import Changed
-from newmark_cli.report.tables import paper_tables
+from newmark_cli.report.tables import study_tables
 from newmark_cli.report.tables.check import counting, format_prediction
 from newmark_cli.support.errors import visible
 
@@ -68,11 +68,11 @@ def of(
     if (
         tables
         and hold(outcomes)
-        and any(slope.study == paper_tables.STUDY and slope.shipped for slope in slopes)
+        and any(slope.study == study_tables.PAPER and slope.shipped for slope in slopes)
     ):
-        for name, slope in paper_tables.not_as_predicted(slopes):
+        for name, slope in study_tables.not_as_predicted(slopes):
             text = "not as predicted"
-            outcomes.append(Outcome(paper_tables.STUDY, name, slope.verdict, text, shown=False))
+            outcomes.append(Outcome(study_tables.PAPER, name, slope.verdict, text, shown=False))
     return outcomes
 
 

@@ -1,7 +1,7 @@
 """Tables of a study: fitted orders, rows and columns by axis, as its config or a command says."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,18 +11,20 @@ import numpy as np
 from pydantic import ValidationError
 
 from newmark_cli.report.judging.fits import Fit, fit_parts, format_fit, format_order, power_law
-from newmark_cli.report.judging.slopes import Slope, unmeasured
+from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.judging.text import format_orders
 from newmark_cli.report.judging.verdicts import MISS, PASS, SHOWN
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.choosing import grouped, select
 from newmark_cli.report.reading.words import joined_values, scalings
+from newmark_cli.report.tables import theory
 from newmark_cli.report.tables.table import MARK, MARKED, MISSING, Record, Report, Table, pivoted
+from newmark_cli.study import shipped
 from newmark_cli.study.axes import SeriesKey, is_among, value_text
 from newmark_cli.study.csv_rows import listed
 from newmark_cli.study.entries import TableConfig, table, tables
 from newmark_cli.study.showable import TABULATED, VALUES
-from newmark_cli.support.errors import InputError
+from newmark_cli.support.errors import InputError, ResultsError
 
 #: What a command prints of a study that does not say.
 USUAL = table(rows=["preconditioning"], columns=["quantity"])
@@ -135,7 +137,7 @@ def _with_failed(
         why = _PLACE.sub("", why.removeprefix(f"{cell.get('code')}: "), count=1)
         reasons.setdefault(SeriesKey.of(named), {}).setdefault(why, []).append(f"{cell['h']:g}")
     failed = [
-        unmeasured(key, "primary", _said(of_sizes))
+        Slope(key, "primary", reason=_said(of_sizes))
         for key, of_sizes in reasons.items()
         if {*of_sizes} != {""}
     ]
@@ -273,3 +275,43 @@ def _legend(layout: TableConfig, slopes: Sequence[Slope]) -> tuple[tuple[str, st
     if any(MARK in mark for mark in marks):
         legend.append(("", MARKED))
     return tuple(legend)
+
+
+# -- Tables 1 and 2 of the paper, as the shipped config defines them -----------------------------
+
+#: Study that Tables 1 and 2 of the paper read.
+PAPER = "all-forms"
+
+
+def _of_paper(slopes: Iterable[Slope]) -> list[Slope]:
+    """Series of the study; raises `ResultsError` when there are none."""
+    ours = [s for s in slopes if s.study == PAPER and s.shipped and s.measure]
+    if not ours:
+        raise ResultsError(
+            f"no results of the shipped {PAPER}; run 'newmark-study run {PAPER}' first"
+        )
+    return ours
+
+
+def paper_entries(slopes: Iterable[Slope]) -> Iterator[tuple[str, Slope]]:
+    """Table and column of each entry of Tables 1 and 2, and its series."""
+    ours = _of_paper(slopes)
+    for layout in tables(shipped.configs()[PAPER]):
+        for _, placed in groups(ours, layout):
+            yield from ((f"Table {layout.table}, {column}", slope) for column, slope in placed)
+
+
+def paper_reports(slopes: Sequence[Slope]) -> list[Report]:
+    """Tables 1 and 2 of the paper; the second begins with the factors themselves."""
+    ours = _of_paper(slopes)
+    first, second = (report(ours, layout) for layout in tables(shipped.configs()[PAPER]))
+    return [first, replace(second, tables=(theory.factors(), *second.tables))]
+
+
+def not_as_predicted(slopes: Iterable[Slope]) -> list[tuple[str, Slope]]:
+    """Name and series of each entry of Tables 1 and 2 that is not as predicted."""
+    return [
+        (f"{name}, {slope.form}, {slope.problem}", slope)
+        for name, slope in paper_entries(slopes)
+        if slope.missed
+    ]
