@@ -8,7 +8,7 @@ has been.
 import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -64,6 +64,7 @@ def changed(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
     """The one number with which Φ is met at all rows of the two smallest step sizes."""
     if file is None or len(evidence.runs) < 2 or not evidence.whole["u"]:
         return
+    file = _placed(file, evidence.problem)
     told = _Misfits(evidence, file)
     if told.problem is None or not told.differs:
         return
@@ -86,6 +87,18 @@ def changed(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
         f"coordinates; {names}: {says} constraints are met at all rows"
     )
     yield evidence.finding("another mechanism", text, changes=changes, misfit=told.largest)
+
+
+def _placed(file: FileNumbers, problem: Problem) -> FileNumbers:
+    """The file with its points where the start has them: teeth that mesh there count from it."""
+    u = dict(zip(problem.coordinate_names, problem.u0.tolist(), strict=True))
+    points = {
+        name: {**point, "at": [u[f"{name}.{axis}"] for axis in problem.axes]}
+        if f"{name}.x" in u
+        else point
+        for name, point in (file.document.get("points") or {}).items()
+    }
+    return replace(file, document={**file.document, "points": points}) if points else file
 
 
 class _Misfits:

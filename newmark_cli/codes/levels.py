@@ -202,7 +202,8 @@ def in_pairs(evidence: SeriesErrors) -> bool:
 
 def factors(evidence: SeriesErrors) -> list[tuple[str, float, int]]:
     """Constraint, factor and power of h where λ is that times what u and v imply, at all rows."""
-    if not all(evidence.whole.values()) or len(evidence.runs) < 2:
+    knows = evidence.whole["u"] and evidence.whole["v"] and evidence.has["lambda"]
+    if not knows or len(evidence.runs) < 2:
         return []
     values = []
     for k, run in enumerate(evidence.runs):

@@ -134,6 +134,8 @@ def test_a_motion_driven_otherwise_is_no_other_start(key, value, name, change):
 
 
 def test_a_ratio_of_gears_is_no_other_start():
+    """Nor where points are assembled: teeth mesh where the start is, not where the file says."""
+
     def geared(ratio):
         return {
             "points": {"O": {"fixed": [0, 0]}, "C": {"fixed": [0.3, 0]}, "B": {"at": [0.45, 0]},
@@ -147,8 +149,15 @@ def test_a_ratio_of_gears_is_no_other_start():
             "project_velocities": True,
         }  # fmt: skip
 
-    (fault,) = judged(cart(geared(-0.55)), geared(-0.5), **BDF2).faults
-    assert fault.evidence["changes"] == {"gears.mesh.ratio": pytest.approx(0.1, rel=1e-6)}
+    right, wrong = {**geared(-0.5), "assemble": True}, geared(-0.55)
+    right["points"]["B"]["at"] = [0.44, 0.05]
+    starts = newmark.problem(right)
+    u = dict(zip(starts.coordinate_names, starts.u0.tolist(), strict=True))
+    for name in "AB":
+        wrong["points"][name]["at"] = [u[f"{name}.x"], u[f"{name}.y"]]
+    for table, problem in ((cart(geared(-0.55)), geared(-0.5)), (cart(wrong), right)):
+        (fault,) = judged(table, problem, **BDF2).faults
+        assert fault.evidence["changes"] == {"gears.mesh.ratio": pytest.approx(0.1, rel=1e-6)}
 
 
 def test_a_mass_that_only_multipliers_feel_is_no_factor_of_them():
@@ -387,10 +396,13 @@ def scaled(part, factor):
     ],
 )
 def test_a_factor_of_the_multipliers_is_told_with_its_power_of_h(change, factor, power):
-    (fault,) = judged(scaled("lambda", change)(cart()), CART, **BDF2).faults
-    assert fault.name == "factor of λ"
-    assert fault.evidence["powers"] == [power, power]
-    assert [*fault.evidence["factors"].values()] == pytest.approx([factor] * 2, rel=0.02)
+    """Also where the table does not have all of λ."""
+    table = scaled("lambda", change)(cart())
+    for count, given in ((2, table), (1, table.drop(columns="lambda[sliders.rail]"))):
+        (fault,) = judged(given, CART, **BDF2).faults
+        assert fault.name == "factor of λ"
+        assert fault.evidence["powers"] == [power] * count
+        assert [*fault.evidence["factors"].values()] == pytest.approx([factor] * count, rel=0.02)
 
 
 def test_multipliers_of_another_time_are_told():
