@@ -161,7 +161,11 @@ def _of_motion(
         return found
     alternates = [*levels.alternation(evidence)]
     if any(evidence.elsewhere(part) for part in ("u", "v")):
-        return [*found, *_mechanism(evidence, file, ("lambda",) if alternates else ()), *alternates]
+        other = [*_mechanism(evidence, file, ("lambda",) if alternates else ())]
+        if not _named(other, "another mechanism"):
+            of_step = [one for one in first_order(evidence) if one.name != "seen"]
+            other = of_step or other
+        return [*found, *other, *alternates]
     explains = bool(alternates) or any("λ is" in one.text for one in found)
     if not explains:
         of_lambda = [*_factor(evidence, file)]

@@ -36,10 +36,15 @@ _MISFIT = 1e-9
 _WHOLE = ("gravity",)
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
+#: Loads that may be a law of time or components of one, and what of these has their size.
+_LOADS = ("force", "torque")
+_SIZES = ("value", "rate", "acceleration", "amplitude", "powers", "sines", "table", "values")
 #: Numbers that files have positive only, and the share of one that is left out.
 _POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
 #: Shares by which a number is scanned where the error is large: left out and turned come first.
 _SCAN = (-0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0, 3.0, 11.0)
+#: What of a change of h a number may follow that the smallest two step sizes ask for.
+_FOLLOWS = 0.6
 #: What an explanation may leave, over what truncation does; relative to all, in the mean.
 _EXPLAINS, _IN_THE_MEAN = 3.0, 0.2
 
@@ -68,6 +73,13 @@ class FileNumbers:
     def motions(self) -> Iterator[Path]:
         """Paths of the numbers of driven coordinates."""
         yield from _numbers(self.document.get("motions") or {}, ("motions",))
+
+    def loads(self) -> Iterator[Path]:
+        """Paths of forces and torques of several numbers."""
+        for part, key in itertools.product(("forces", "torques"), _LOADS):
+            for name, load in (self.document.get(part) or {}).items():
+                if len([*_sizes(load.get(key))]) > 1:
+                    yield part, name, key
 
     def at(self, path: Path) -> Any:
         """The value at a path."""
@@ -112,6 +124,17 @@ def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
         return loading.built(problem.name, Document.of("mechanism", other))
 
     return FileNumbers(document, make, _difference(problem, make(document)) if coded else None)
+
+
+def _sizes(value: Any) -> Iterator[float]:
+    """The numbers of a load that have its size, but for 0."""
+    if isinstance(value, Mapping):
+        value = [item for key, item in value.items() if key in _SIZES]
+    if isinstance(value, list | tuple):
+        for item in value:
+            yield from _sizes(item)
+    elif isinstance(value, int | float) and value:
+        yield value
 
 
 def _numbers(value: Any, path: Path) -> Iterator[Path]:
@@ -244,7 +267,7 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             yield number([path], _plus, said=partial("{} {:+.5g} m".format, name), starts=())
             continue
         alike.setdefault(key, []).append(path)
-        inert = "mass" in path or "inertia" in path
+        inert = ("mass" in path or "inertia" in path) and key not in ("xy", "xz", "yz")
         yield number([path], starts=(-1.0,) if inert else (-1.0, -2.0))
         if key == "inertia" and isinstance(value, list | tuple):
             for i, j in itertools.combinations(range(3), 2):
@@ -258,6 +281,8 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             phase = (*path[:-1], "phase")
             said = partial("{} + {:.5g} rad".format, joined(phase))
             yield number([phase], _plus, "", said, (math.pi / 2, math.pi))
+    for path in file.loads():
+        yield number([path], _scaled)
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
             yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())
@@ -288,6 +313,15 @@ def _times(value: Any, c: float) -> Any:
     if isinstance(value, list | tuple):
         return [item * (1 + c) for item in value]
     return value * (1 + c)
+
+
+def _scaled(value: Any, c: float) -> Any:
+    """A load of several numbers times 1 + c."""
+    if isinstance(value, Mapping):
+        return {key: _scaled(item, c) if key in _SIZES else item for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_scaled(item, c) for item in value]
+    return value * (1 + c) if isinstance(value, int | float) else value
 
 
 def _rotated(value: Sequence[float], c: float) -> list[float]:
@@ -321,6 +355,10 @@ def _gyroscopic(
     for point in (None, joints[0]["at"]) if held else (None,):
         name = f"the gyroscopic moment ω × J ω{'' if point is None else ' about the joint'}"
         yield name, partial(_moment, _tensors(problem, point))
+    tensors = _tensors(problem, None)
+    for k, body in enumerate(outputs.bodies if len(tensors) > 1 else ()):
+        only = np.where(np.arange(len(tensors)) == k, tensors.T, 0.0).T
+        yield f"the gyroscopic moment ω × J ω of {body}", partial(_moment, only)
 
 
 def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
@@ -462,7 +500,7 @@ class Discrepancy:
         The start of the table may explain all of it without the change.  λ may be too rough to be
         fitted; then it must not be further from the changed mechanism's than from the right one's.
         """
-        if self._left(self.moved(fit.candidate, 0.0))[0] < _EXPLAINS:
+        if self._left(self.moved(fit.candidate, 0.0))[0] < _EXPLAINS or self._falls(fit):
             return False
         if "lambda" in self.parts or "lambda" in self._without or not self.evidence.has["lambda"]:
             return True
@@ -472,6 +510,22 @@ class Discrepancy:
         now = self.evidence.error(part, -1)[self._rows]
         allowed = max(_EXPLAINS * self.unsure[part], 1.2 * float(np.abs(now).max()))
         return bool(np.abs(left).max() <= allowed)
+
+    def _falls(self, fit: FittedChange) -> bool:
+        """Whether the next larger step size asks for a larger change: then no number differs."""
+        runs = self.evidence.runs[-2:]
+        if len(runs) < 2:
+            return False
+        rows = self.evidence.looked_at(runs[0])
+        t = runs[0].t[rows]
+        now, then = self.evidence.truth.at(t), fit.candidate.of(fit.change, self.tolerance).at(t)
+        moved = {x: self.evidence.of(x, then[x] - now[x]) / self.unsure[x] for x in self.parts}
+        missed = {x: self.evidence.error(x, -2)[rows] / self.unsure[x] for x in self.parts}
+        effect, off = (
+            np.concatenate([of[x].ravel() for x in self.parts]) for of in (moved, missed)
+        )
+        asked = float(effect @ off) / max(float(effect @ effect), 1e-300)
+        return asked > 1 + _FOLLOWS * (runs[0].size / runs[1].size - 1)
 
     def seen(self) -> str:
         """That it converges elsewhere, in numbers."""

@@ -38,6 +38,8 @@ _LARGER = 8.0
 _CORRECTIONS, _MOST, _SMALL, _MET = 12, 0.6, 0.05, 1e-9
 #: Step of differences, and a slope of a number that no constraint has.
 _STEP, _NO_SLOPE = 1e-6, 1e-9
+#: How tables may be interpolated; the first where nothing is said.
+_INTERPOLATIONS = ("cubic", "quintic", "pchip")
 #: Numbers that a sentence names.
 _NAMED = 4
 
@@ -75,7 +77,7 @@ def changed(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Findin
     if not good:
         return
     good.sort(key=lambda fit: float(np.linalg.norm(fit[2])))
-    good = [fit for fit in good if np.linalg.norm(fit[2]) < _LARGER * np.linalg.norm(good[0][2])]
+    good = [fit for fit in good if np.linalg.norm(fit[2]) <= _LARGER * np.linalg.norm(good[0][2])]
     names = " or ".join(number.said(c) for _, number, c in good[:_NAMED])
     says = "with it all" if len(good) == 1 else "with any of these all"
     changes = {
@@ -178,6 +180,11 @@ class _Misfits:
 
 def _numbers(file: FileNumbers) -> Iterator[_Number]:
     """Numbers of a file that constraints may have, and the angles of its directions."""
+    for path, given in _tables(file.document, ()):
+        for other in sorted({*_INTERPOLATIONS} - {given}):
+            told = f"{joined(path)} {other} in place of {given}"
+            made = partial(_with, file, path, partial(_whatever, other))
+            yield _Number(joined(path), made, partial(_whatever, told), [(0.0,)])
     for path, value in _leaves(file.document, ()):
         name, phase = joined(path), path[-1] == "phase"
         place = any(key in _PLACES for key in path)
@@ -195,6 +202,11 @@ def _numbers(file: FileNumbers) -> Iterator[_Number]:
             to, said = partial(_plus, value), partial(_said_plus, name, unit)
             starts += [(turn * math.pi,) for turn in (0.5, -0.5, 1.0)] if phase else []
         yield _Number(name, partial(_with, file, path, to), said, starts)
+
+
+def _whatever(value: str, c: Array) -> str:
+    """What is no number has no changes."""
+    return value
 
 
 def _times(value: float, c: Array) -> float:
@@ -232,6 +244,16 @@ def _leaves(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
             yield (*path, key), float(item)
         else:
             yield from _leaves(item, (*path, key))
+
+
+def _tables(value: Any, path: Path) -> Iterator[tuple[Path, str]]:
+    """Paths of the interpolations of tables of motions, and what they are."""
+    if isinstance(value, Mapping):
+        if "times" in value:
+            yield (*path, "interpolation"), value.get("interpolation", _INTERPOLATIONS[0])
+        for key, item in value.items():
+            if key not in _NO_GEOMETRY:
+                yield from _tables(item, (*path, key))
 
 
 def _with(

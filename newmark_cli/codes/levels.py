@@ -73,8 +73,10 @@ def single(evidence: SeriesErrors) -> Iterator[Finding]:
 
 def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
     """Φ above rounding: held at another level, or by an iteration that ends early."""
+    if not evidence.whole["u"] or not evidence.problem.m:
+        return
     told, last_u = evidence.told, evidence.last("u")
-    if not evidence.whole["u"] or not evidence.problem.m or last_u.max() > 1:
+    if last_u.max() > 1:
         return
     strict = told.formulation in ("index-3", "ggl", "augmented-lagrangian")
     misfits = _after_start(evidence)

@@ -1,14 +1,18 @@
 """Causes of what other codes compute wrongly: the number, the term or the change of a step."""
 
+import itertools
 import json
+import math
 
 import numpy as np
 import pandas as pd
 import pytest
 from judged_tables import BDF2, BENCH, CART, THROWN, cart, judged, swings, with_number
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
 import newmark_cli as newmark
+from newmark_cli.codes.evidence import SeriesErrors
 
 
 @pytest.mark.parametrize(
@@ -497,3 +501,76 @@ def test_a_step_without_centrifugal_terms_is_told():
     (case,) = [one for one in BENCH.faulty()
                if (one.mechanism, one.name) == ("crane", "no centrifugal terms")]  # fmt: skip
     assert BENCH.verdict(case)[0] == "right"
+
+
+def test_an_interpolation_of_a_table_is_named():
+    """With which the start's velocities are others, too."""
+
+    def driven(interpolation):
+        t = np.linspace(0, 0.35, 8)
+        angles = math.atan2(0.4, 0.3) + 3 * t + 0.2 * np.sin(6 * t)
+        table = {"times": t.tolist(), "values": angles.tolist(), "interpolation": interpolation}
+        return {**DRIVEN, "motions": {"drive": {"body": "arm", "angle": {"table": table}}}}
+
+    (fault,) = judged(cart(driven("cubic")), driven("quintic"), **BDF2).faults
+    assert "motions.drive.angle.table.interpolation cubic in place of quintic" in fault.text
+
+
+def test_a_load_of_several_numbers_is_named_as_a_whole():
+    def pushed(sign):
+        force = [{"value": 2.0 * sign, "amplitude": 3.0 * sign, "frequency": 7}, 0.5 * sign]
+        return {**CART, "forces": {"push": {"at": "C", "force": force}}}
+
+    (fault,) = judged(cart(pushed(-1)), pushed(1), **BDF2).faults
+    assert "forces.push.force with its sign turned: this alone" in fault.text
+
+
+def test_the_gyroscopic_moment_of_one_body_is_named():
+    """Of two that are free: one turns about a principal axis, the other lacks ω × J ω."""
+    spins = {"drum": np.array([4.0, 0.0, 0.0]), "hub": np.array([2.0, 5.0, 1.0])}
+    mechanism = {
+        "dimensions": 3,
+        "bodies": {
+            name: {"position": [2.0 * k, 0, 0], "mass": 1, "inertia": [0.1, 0.2, 0.25],
+                   "angular_velocity": spin.tolist()}
+            for k, (name, spin) in enumerate(spins.items())
+        },
+    }  # fmt: skip
+    rows = []
+    for h, t in itertools.product((0.01, 0.005, 0.0025), (0.0, 0.1, 0.2, 0.3)):
+        row = {"h": h, "t": t}
+        for k, (name, spin) in enumerate(spins.items()):
+            axes = Rotation.from_rotvec(spin * t).as_matrix().T
+            vectors = {"origin": ([2.0 * k, 0, 0], [0, 0, 0])}
+            vectors |= {f"d{i + 1}": (axes[i], np.cross(spin, axes[i])) for i in range(3)}
+            for vector, fields in vectors.items():
+                for part, values in zip("uv", fields, strict=True):
+                    row |= {f"{part}[{name}.{vector}.{x}]": values[i] for i, x in enumerate("xyz")}
+        rows.append(row)
+    (fault,) = judged(pd.DataFrame(rows), mechanism).faults
+    assert "the gyroscopic moment ω × J ω of hub left out" in fault.text
+    assert "of drum" not in fault.text
+
+
+def test_what_falls_with_h_is_no_number(monkeypatch):
+    """The phase of a force that is taken at the start of each step explains any one run."""
+    # Also where differences of step sizes are so small in some rows that runs seem to converge.
+    bound = SeriesErrors.bound
+    monkeypatch.setattr(SeriesErrors, "bound", lambda evidence, part: bound(evidence, part) / 20)
+
+    def pushed(phase):
+        law = {"amplitude": 9.0, "frequency": 14, "phase": phase}
+        return {**CART, "forces": {"push": {"at": "C", "force": [law, 0]}}}
+
+    tables = []
+    for h in (0.01, 0.005, 0.0025, 0.00125):
+        frame = newmark.march(pushed(0.4 - 14 * h), h=h, t_end=0.4, **BDF2).to_frame()
+        kept = [name for name in frame if name[0] in "tuv" and name[:2] != "to"]
+        tables.append(frame[kept].iloc[-2:].assign(h=h))
+    (fault,) = judged(pd.concat(tables), pushed(0.4), **BDF2).faults
+    assert fault.name == "old force"
+
+
+def test_a_table_of_velocities_alone():
+    (fault,) = judged(cart(with_number(("gravity",), 1.1), "tv"), CART, **BDF2).faults
+    assert fault.evidence["changes"] == {"gravity": pytest.approx(0.1, rel=1e-2)}
