@@ -34,6 +34,8 @@ _SAMPLES, _COUNTED = 60, 400
 _FADED = 1e-2
 #: Orders that differences may have.
 _POWERS = np.linspace(1, 5, 81)
+#: Part of the error before that a converged one exceeds.
+_STILL = 0.3
 #: Truncation, over the size of a part, from which on nothing tells where runs converge to.
 _COARSE = 0.05
 #: Of what differences of successive step sizes fall to, and of which part of the error they may do
@@ -277,6 +279,8 @@ class SeriesErrors:
         # Multipliers scatter by more than differences of two step sizes tell.
         least, factor = (_OF_MULTIPLIERS, 3 * factor) if part == "lambda" else (0.0, factor)
         away = last[-1] > max(factor * bound, least) and last.min() > 0.3 * last[-1]
+        # What still falls has not arrived: differences may show a higher order than is left.
+        away = away and last[-1] > _STILL * last[-2]
         return bool(away and bound < _COARSE)
 
     def order(self, part: str) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import newmark_cli as newmark
 from newmark_cli.codes.evidence import SeriesErrors
+from newmark_cli.codes.truth import Truth
 
 
 @pytest.mark.parametrize(
@@ -574,3 +575,11 @@ def test_what_falls_with_h_is_no_number(monkeypatch):
 def test_a_table_of_velocities_alone():
     (fault,) = judged(cart(with_number(("gravity",), 1.1), "tv"), CART, **BDF2).faults
     assert fault.evidence["changes"] == {"gravity": pytest.approx(0.1, rel=1e-2)}
+
+
+def test_errors_that_still_fall_are_no_other_solution():
+    """As Runge-Kutta's of order 4 do where those of order 6 hide them at large h."""
+    end = Truth(newmark.problem(CART), 0.4).at(np.array([0.4]))["u"][0, 0]
+    errors = {0.025: 1.24e-5, 0.0125: 2.05e-7, 0.00625: 4.65e-9, 0.003125: 8.28e-10}
+    table = pd.DataFrame({"h": [*errors], "t": 0.4, "u[C.x]": [end + e for e in errors.values()]})
+    assert not judged(table, CART).faults
