@@ -36,8 +36,9 @@ _MISFIT = 1e-9
 _WHOLE = ("gravity",)
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
-#: Loads that may be a law of time or components of one, and what of these has their size.
-_LOADS = ("force", "torque")
+#: Parts and keys of loads that may be a law of time or components of one, and what of these has
+#: their size.
+_LOADS = (("forces", "force"), ("torques", "torque"))
 _SIZES = ("value", "rate", "acceleration", "amplitude", "powers", "sines", "table", "values")
 #: Numbers that files have positive only, and the share of one that is left out.
 _POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
@@ -76,7 +77,7 @@ class FileNumbers:
 
     def loads(self) -> Iterator[Path]:
         """Paths of forces and torques of several numbers."""
-        for part, key in itertools.product(("forces", "torques"), _LOADS):
+        for part, key in _LOADS:
             for name, load in (self.document.get(part) or {}).items():
                 if len([*_sizes(load.get(key))]) > 1:
                     yield part, name, key
