@@ -37,8 +37,8 @@ BETA, GAMMA = 0.25, 0.5
 #: Most that an iteration may take, in those of another version.  A compensated one
 #: evaluates G and Φ once more in a step and adds Φ up twice.
 AT_MOST = {
-    ("kernel", "C"): 0.85,
-    ("static", "C"): 0.85,
+    ("kernel", "C"): 0.8,
+    ("static", "C"): 0.75,
     ("static", "C static"): 2.0,
     ("static compensated", "static"): 1.3,
     ("compensated", "kernel"): 1.5,

@@ -93,18 +93,25 @@ _WOUND = 0.05
 
 
 @_inline
+def item(ints, k):
+    """An entry of a table of elements, unsigned: numba tests signed indices for their sign."""
+    return np.uint32(ints[0, np.uint32(k)])
+
+
+@_inline
 def shape_of(ints, e):
     """Whether a row is a square, sums with weights of their own, and axes."""
-    return ints[0, e + KIND] == SQUARE, ints[0, e + SUMS], ints[0, e + AXES]
+    return item(ints, e + KIND) == SQUARE, item(ints, e + SUMS), item(ints, e + AXES)
 
 
 @_inline
 def _counts(is_square, turn, ints, e):
     """Terms of s, t and b of a row; an angle that is a coordinate is none of these."""
     none = np.int64(0)
+    first = item(ints, e + FIRST)
     if is_square:
-        return ints[0, e + FIRST], none, none
-    return ints[0, e + FIRST], ints[0, e + SECOND], none if turn[0] == 2 else ints[0, e + SINGLE]
+        return first, none, none
+    return first, item(ints, e + SECOND), none if turn[0] == 2 else item(ints, e + SINGLE)
 
 
 @_inline
@@ -121,7 +128,7 @@ def _sums(vector, whole, turn, shape, ints, reals, place, count, weight, constan
     _, sums, axes = shape
     x, y, z = vector.dtype.type(0), vector.dtype.type(0), vector.dtype.type(0)
     for k in range(count):
-        i, a = ints[0, place + k], _weight(reals, weight + turn[0] * k, turn)
+        i, a = item(ints, place + k), _weight(reals, weight + turn[0] * k, turn)
         x += a * vector[i]
         if sums == 2:
             y += reals[0, weight + count + k] * vector[i]
@@ -140,8 +147,8 @@ def _sums(vector, whole, turn, shape, ints, reals, place, count, weight, constan
 def first_sums(vector, whole, turn, shape, ints, reals, e):
     """The sums s of the element at e; 0 for whole leaves out what is constant."""
     return _sums(
-        vector, whole, turn, shape, ints, reals, e + PLACES, ints[0, e + FIRST],
-        ints[0, e + WEIGHTS], ints[0, e + REALS],
+        vector, whole, turn, shape, ints, reals, e + PLACES, item(ints, e + FIRST),
+        item(ints, e + WEIGHTS), item(ints, e + REALS),
     )  # fmt: skip
 
 
@@ -177,13 +184,13 @@ def gradient(vector, whole, turn, shape, ints, reals, e, values, g):
     """
     is_square, sums, axes = shape
     first, second, single = _counts(is_square, turn, ints, e)
-    at, weight, plain = e + PLACES, ints[0, e + WEIGHTS], (PLAIN, turn[1], turn[2])
+    at, weight, plain = e + PLACES, item(ints, e + WEIGHTS), (PLAIN, turn[1], turn[2])
     behind = weight + turn[0] * sums * first
     product = vector.dtype.type(0)
     if axes > 0:
         s = t = first_sums(vector, whole, turn, shape, ints, reals, e)
         if not is_square:
-            constant = ints[0, e + REALS] + turn[0] * sums * axes
+            constant = item(ints, e + REALS) + turn[0] * sums * axes
             t = _sums(
                 vector, whole, plain, shape, ints, reals, at + first, second, behind, constant
             )
@@ -194,7 +201,7 @@ def gradient(vector, whole, turn, shape, ints, reals, e, values, g):
         g = _spread(values, g, plain, shape, reals, second, behind, s)
     for k in range(single):
         b = whole * reals[0, behind + sums * second + k]
-        product += b * vector[ints[0, at + first + second + k]]
+        product += b * vector[item(ints, at + first + second + k)]
         values[g + k] = b
     return product
 
@@ -205,18 +212,18 @@ def _row(law, turn, shape, u, multipliers, ints, reals, e, results):
     force, phi, x_values, g_values = results
     is_square, sums, axes = shape
     first, second, single = _counts(is_square, turn, ints, e)
-    row, x, g, at = ints[0, e + ROW], ints[0, e + X_START], ints[0, e + G_START], e + PLACES
-    multiplier = multipliers[row]
+    row, x, g = item(ints, e + ROW), item(ints, e + X_START), item(ints, e + G_START)
+    at, multiplier = e + PLACES, multipliers[row]
     product = gradient(u, u.dtype.type(1), turn, shape, ints, reals, e, g_values, g) - law
     phi[row] = u.dtype.type(0.5) * product if is_square else product
     for k in range(first + second):
         for c in range(axes):
-            force[ints[0, at + k] + c] += multiplier * g_values[g + c]
+            force[item(ints, at + k) + c] += multiplier * g_values[g + c]
         g += axes
     for k in range(single):
-        force[ints[0, at + first + second + k]] += multiplier * g_values[g + k]
+        force[item(ints, at + first + second + k)] += multiplier * g_values[g + k]
     # X = −λ (Aᵀ B + Bᵀ A), the same on all axes
-    weight = ints[0, e + WEIGHTS]
+    weight = item(ints, e + WEIGHTS)
     others, repeats, behind = second, 2 * axes, weight + turn[0] * sums * first
     if is_square:
         others, repeats, behind = first, axes, weight
@@ -283,8 +290,8 @@ def _stretched(length, reals, parameter):
 @_inline
 def _along_line(u, v, ints, reals, e, force, x_values, y_values):
     """A spring or a damper, whose force is −tension L, or a torque, across L."""
-    kind, shape, real = ints[0, e + KIND], shape_of(ints, e), u.dtype.type
-    first, parameter, weight = ints[0, e + FIRST], ints[0, e + PARAMETERS], ints[0, e + WEIGHTS]
+    kind, first, shape = item(ints, e + KIND), item(ints, e + FIRST), shape_of(ints, e)
+    parameter, weight, real = item(ints, e + PARAMETERS), item(ints, e + WEIGHTS), u.dtype.type
     plain = (PLAIN, real(1), real(0))
     x, y, z = first_sums(u, real(1), plain, shape, ints, reals, e)
     square = x * x + y * y + z * z
@@ -323,9 +330,9 @@ def _along_line(u, v, ints, reals, e, force, x_values, y_values):
         damping * y * x, damping * y * y, damping * y * z,
         damping * z * x, damping * z * y, damping * z * z,
     )  # fmt: skip
-    entry, rate_entry = ints[0, e + X_START], ints[0, e + Y_START]
+    entry, rate_entry = item(ints, e + X_START), item(ints, e + Y_START)
     for k in range(first):
-        i, w = ints[0, e + PLACES + k], weight + k
+        i, w = item(ints, e + PLACES + k), weight + k
         if shape[1] == 2:
             force[i] += reals[0, w] * pull[0] + reals[0, w + first] * pull[1]
         else:
@@ -362,8 +369,8 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
     results = (force, phi, x_values, g_values)
     e = np.int64(0)  # a literal would compile what it is handed to once more
     while e < ints.shape[1]:
-        kind, parameter, begin = ints[0, e + KIND], ints[0, e + PARAMETERS], e
-        e += ints[0, e + SIZE]
+        kind, parameter, begin = item(ints, e + KIND), item(ints, e + PARAMETERS), e
+        e += item(ints, e + SIZE)
         if kind in QUADRATIC:
             turn, shape = (PLAIN, one, zero), shape_of(ints, begin)
             if shape == _BAR:  # the commonest row of the plane: code of its own
@@ -371,14 +378,14 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
                 _row(law, turn, _BAR, u, multipliers, ints, reals, begin, results)
                 continue
             law = zero
-            if ints[0, begin + GIVEN] == LAW:
+            if item(ints, begin + GIVEN) == LAW:
                 law = _law(t, reals, parameter, VALUE)
-            elif ints[0, begin + GIVEN] > 0:
+            elif item(ints, begin + GIVEN) > 0:
                 law = reals[0, parameter]
             _row(law, turn, shape, u, multipliers, ints, reals, begin, results)
         elif kind == LOAD:
-            for c in range(ints[0, begin + AXES]):
-                force[ints[0, begin + PLACES] + c] += reals[0, parameter + c]
+            for c in range(item(ints, begin + AXES)):
+                force[item(ints, begin + PLACES) + c] += reals[0, parameter + c]
         elif kind == ANGLE:
             angle = _law(t, reals, parameter, VALUE)
             _turned_row(angle, u, multipliers, ints, reals, begin, results)
@@ -389,9 +396,9 @@ def evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, 
 @_part
 def times_columns(vector, ints, reals, e, columns):
     """The columns (k,) of G of s and t of the row at e, times a vector (n,)."""
-    axes, total = ints[0, e + AXES], vector.dtype.type(0)
+    axes, total = item(ints, e + AXES), vector.dtype.type(0)
     for k in range(columns.shape[0]):
-        total += columns[k] * vector[ints[0, e + PLACES + k // axes] + k % axes]
+        total += columns[k] * vector[item(ints, e + PLACES + k // axes) + k % axes]
     return total
 
 
@@ -399,9 +406,9 @@ def times_columns(vector, ints, reals, e, columns):
 def _couple(u, multipliers, ints, reals, e, results):
     """The angle of a vector as a coordinate."""
     force, phi, x_values, g_values = results
-    x, g = ints[0, e + X_START], ints[0, e + G_START]
-    entries = ints[0, e + AXES] * ints[0, e + SECOND]
-    place, row = ints[0, e + PLACES + ints[0, e + SECOND]], ints[0, e + ROW]
+    x, g = item(ints, e + X_START), item(ints, e + G_START)
+    entries = item(ints, e + AXES) * item(ints, e + SECOND)
+    place, row = item(ints, e + PLACES + item(ints, e + SECOND)), item(ints, e + ROW)
     sine, cosine = sine_cosine(u[place], u.dtype.type)
     further = (TURNED, -sine, cosine)
     turned = gradient_of(u, u.dtype.type(1), further, ints, reals, e, g_values, g)
@@ -416,16 +423,17 @@ def _couple(u, multipliers, ints, reals, e, results):
 @_part
 def _twist(u, v, ints, reals, e, force, x_values, y_values):
     """A torque on a sum of angles."""
-    count, w, parameter = ints[0, e + SINGLE], ints[0, e + WEIGHTS], ints[0, e + PARAMETERS]
+    count, w = item(ints, e + SINGLE), item(ints, e + WEIGHTS)
+    parameter = item(ints, e + PARAMETERS)
     wound, turning = u.dtype.type(-reals[0, parameter]), u.dtype.type(0)
     for k in range(count):
-        wound += reals[0, w + k] * u[ints[0, e + PLACES + k]]
-        turning += reals[0, w + k] * v[ints[0, e + PLACES + k]]
+        wound += reals[0, w + k] * u[item(ints, e + PLACES + k)]
+        turning += reals[0, w + k] * v[item(ints, e + PLACES + k)]
     stiffness, damping = reals[0, parameter + 1], reals[0, parameter + 2]
     torque = -stiffness * wound - damping * turning
-    x, y = ints[0, e + X_START], ints[0, e + Y_START]
+    x, y = item(ints, e + X_START), item(ints, e + Y_START)
     for k in range(count):
-        force[ints[0, e + PLACES + k]] += reals[0, w + k] * torque
+        force[item(ints, e + PLACES + k)] += reals[0, w + k] * torque
         for j in range(count):
             x_values[x] = stiffness * reals[0, w + k] * reals[0, w + j]
             y_values[y] = damping * reals[0, w + k] * reals[0, w + j]
@@ -436,8 +444,8 @@ def _twist(u, v, ints, reals, e, force, x_values, y_values):
 @_part_allocating
 def _moment(u, ints, reals, e, force, x_values):
     """A torque τ on a body: ½ τ × d_i on each director, τ in global axes or in its own."""
-    p, place, x = ints[0, e + PARAMETERS], ints[0, e + PLACES], ints[0, e + X_START]
-    follows, half = ints[0, e + KIND] == FOLLOWER, u.dtype.type(0.5)
+    p, place, x = item(ints, e + PARAMETERS), item(ints, e + PLACES), item(ints, e + X_START)
+    follows, half = item(ints, e + KIND) == FOLLOWER, u.dtype.type(0.5)
     torque = np.zeros(3, u.dtype)
     for c in range(3):
         for j in range(3):
@@ -477,17 +485,17 @@ def hinge_angle(u, ints, reals, e, of_sine, of_cosine):
 @_part_allocating
 def _hinge(u, v, ints, reals, e, force, x_values, y_values):
     """A hinge: the force Q g on both bodies, g = ∂φ/∂u, and its tangents."""
-    two, weight, at = u.dtype.type(2), ints[0, e + WEIGHTS], e + PLACES
-    first, x, y = ints[0, e + FIRST], ints[0, e + X_START], ints[0, e + Y_START]
-    axes = ints[0, e + AXES]
-    size = axes * (first + ints[0, e + SECOND])
+    two, weight, at = u.dtype.type(2), item(ints, e + WEIGHTS), e + PLACES
+    first, x, y = item(ints, e + FIRST), item(ints, e + X_START), item(ints, e + Y_START)
+    axes = item(ints, e + AXES)
+    size = axes * (first + item(ints, e + SECOND))
     of_sine, of_cosine = np.empty(size, u.dtype), np.empty(size, u.dtype)
     sine, cosine = hinge_angle(u, ints, reals, e, of_sine, of_cosine)
     square = sine * sine + cosine * cosine
     g, turned = np.empty(size, u.dtype), np.zeros(size, u.dtype)
     for i in range(size):
         g[i] = (cosine * of_sine[i] - sine * of_cosine[i]) / square
-    parameter, turn = ints[0, e + PARAMETERS], (TURNED, cosine, sine)
+    parameter, turn = item(ints, e + PARAMETERS), (TURNED, cosine, sine)
     stiffness, damping = reals[0, parameter + 1], reals[0, parameter + 3]
     torque = reals[0, parameter] - damping * times_columns(v, ints, reals, e, g)
     if stiffness != 0:
@@ -502,7 +510,7 @@ def _hinge(u, v, ints, reals, e, force, x_values, y_values):
         torque = torque - stiffness * (angle - reals[0, parameter + 2])
     for i in range(size):
         k = i // axes
-        force[ints[0, at + k] + i % axes] += torque * g[i]
+        force[item(ints, at + k) + i % axes] += torque * g[i]
         for j in range(size):
             # Second derivatives of φ, where the values of X will be.
             entry = of_sine[i] * of_cosine[j] - of_cosine[i] * of_sine[j]
@@ -513,7 +521,7 @@ def _hinge(u, v, ints, reals, e, force, x_values, y_values):
             along = cosine * of_cosine[j] + sine * of_sine[j]
             entry = (entry - two * g[i] * along) / square
             x_values[x + size * i + j] = entry
-            turned[i] += entry * v[ints[0, at + j // axes] + j % axes]
+            turned[i] += entry * v[item(ints, at + j // axes) + j % axes]
     for i in range(size):
         for j in range(size):
             change = stiffness * g[j] + damping * turned[j]
@@ -529,18 +537,18 @@ def evaluate_all(t, u, v, multipliers, ints, reals, force, phi, x_values, y_valu
     evaluate(t, u, v, multipliers, ints, reals, force, phi, x_values, y_values, g_values)
     e = np.int64(0)
     while e < ints.shape[1]:
-        kind = ints[0, e + KIND]
+        kind = item(ints, e + KIND)
         if kind == COUPLE:
             results = (force, phi, x_values, g_values)
             _couple(u, multipliers, ints, reals, e, results)
         elif kind == FORCE:
-            w, law = ints[0, e + WEIGHTS], _law(t, reals, ints[0, e + PARAMETERS], VALUE)
-            for k in range(ints[0, e + SINGLE]):
-                force[ints[0, e + PLACES + k]] += reals[0, w + k] * law
+            w, law = item(ints, e + WEIGHTS), _law(t, reals, item(ints, e + PARAMETERS), VALUE)
+            for k in range(item(ints, e + SINGLE)):
+                force[item(ints, e + PLACES + k)] += reals[0, w + k] * law
         elif kind == TWIST:
             _twist(u, v, ints, reals, e, force, x_values, y_values)
         elif kind in (MOMENT, FOLLOWER):
             _moment(u, ints, reals, e, force, x_values)
         elif kind == HINGE:
             _hinge(u, v, ints, reals, e, force, x_values, y_values)
-        e += ints[0, e + SIZE]
+        e += item(ints, e + SIZE)

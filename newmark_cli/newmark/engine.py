@@ -215,8 +215,8 @@ class Engine:
         done = 0
         while True:
             if self.exchanges:
-                static = self.exchanges.at(state, first + done)
-                self._numbers = self._numbers._replace(static=static)
+                self.exchanges.look(state, first + done)
+                self._numbers = self._numbers._replace(static=self.exchanges.tables)
             begun = False
             if contains(self.schemes.carrying, first + done + 1):
                 try:

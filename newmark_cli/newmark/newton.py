@@ -161,7 +161,7 @@ def assemble_residual(problem, tables, history, moving, force, rhs):
             residual = of_rows[r, i]
             for k in range(p):
                 residual += row_weights[r, k] * moving[kept[k], i]
-            rhs[(1 + r) * n + i] = -left[1 + r] * residual
+            rhs[np.uint64((1 + r) * n + i)] = -left[1 + r] * residual
 
 
 @inlined
@@ -173,7 +173,7 @@ def append_constraints(tables, row, values, rhs):
     )
     factor = -tables.left[1 + tables.row_weights.shape[0] + row]
     for k in range(values.shape[0]):
-        rhs[first + k] = factor * values[k]
+        rhs[np.uint64(first + k)] = factor * values[k]
 
 
 @inlined
@@ -269,14 +269,14 @@ def take_norms(tables, correction, n, m, rows, norms):
     for k in range(p):
         block = 0.0
         for i in range(k * n, (k + 1) * n):
-            block += np.float64(correction[i]) * correction[i]
+            block += np.float64(correction[np.uint64(i)]) * correction[np.uint64(i)]
         norms[k] = np.sqrt(block)
         to_displacement = np.float64(weights[0, k]) * right[k]
         displacement_square += to_displacement * to_displacement * block
     for row in range(rows):
         block = 0.0
         for i in range(p * n + row * m, p * n + (row + 1) * m):
-            block += np.float64(correction[i]) * correction[i]
+            block += np.float64(correction[np.uint64(i)]) * correction[np.uint64(i)]
         norms[p + row] = np.sqrt(block)
     return displacement_square
 
@@ -289,10 +289,10 @@ def correct(tables, correction, moving, multipliers):
     for k in range(p):
         field = kept[k]
         for i in range(n):
-            moving[field, i] += right[k] * correction[k * n + i]
+            moving[field, i] += right[k] * correction[np.uint64(k * n + i)]
     if correction.shape[0] > p * n:
         for i in range(multipliers.shape[0]):
-            multipliers[i] += right[p] * correction[p * n + i]
+            multipliers[i] += right[p] * correction[np.uint64(p * n + i)]
 
 
 @inlined

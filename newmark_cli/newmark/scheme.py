@@ -268,7 +268,7 @@ class Scheme:
         Compensated: all in the increments, nothing is differenced.
         """
         relations, weights = self.marched, self.elimination.weights
-        kept = np.array([FIELDS.index(f) for f in self.form.kept])
+        kept = np.array([FIELDS.index(f) for f in self.form.kept], np.uint32)
         elimination = eliminate(self.form, relations)
         past = elimination.past.copy()
         new_a, of_past = relations.acceleration[0], relations.acceleration[1:]
@@ -295,7 +295,7 @@ class Scheme:
             row_past=elimination.rows_past,
             predictor=np.array([u_predicted, v_predicted, a_predicted]),
             acceleration=relations.acceleration,
-            advance=relations.advance,
+            advance=relations.advance.astype(np.uint32),
             left=self.left,
             right=self.right,
         )

@@ -7,9 +7,12 @@ from marching import STEP, formulated, scheme_of
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark.engine import Engine
 from newmark_cli.newmark.integrator import BDF2, GeneralizedAlpha, Newmark
+from newmark_cli.newmark.linear import assembly, dense
 from newmark_cli.newmark.linear.written import exchanges, generated
+from newmark_cli.newmark.linear.written.static_elimination import solve_generated
 from newmark_cli.newmark.march import initial_state
-from newmark_cli.newmark.march_data import COMPLETED, counting
+from newmark_cli.newmark.march_data import COMPLETED, PIVOTING, counting
+from newmark_cli.newmark.newton import solve_in_place
 
 NEVER = 10**9
 
@@ -51,6 +54,30 @@ def test_the_same_bits(subject, form, variant, integrator, evaluation, precision
     for mine, theirs in zip(code, loops, strict=True):
         assert mine.dtype == theirs.dtype
         np.testing.assert_array_equal(mine, theirs)
+
+
+def test_code_at_hand_is_tried_in_turn():
+    """What one gives up, the next solves, and comes first from then on; else nothing changes."""
+    subject, scheme = problem("andrews"), scheme_of("u-lambda", "optimal", 1e-5)
+    tables = run(subject, scheme, 3, 20)[0].exchanges.tables
+    sums, _ = assembly.of_formulation(subject, scheme.tables)
+    matrices = dense.dense_tables(subject, scheme, sums)
+    values = subject.values(subject.t0, subject.u0, subject.v0, np.zeros(subject.m))
+    matrix, sources = dense.assembled(matrices, scheme, values), assembly.sources(values)
+    size = len(matrix)
+    right, others = (
+        exchanges._written(exchanges.row_order(each), subject, scheme, matrices).address()
+        for each in (matrix, matrix * np.geomspace(1, 1e6, size)[:, None])
+    )
+    expected, rhs = np.arange(1.0, size + 1), np.arange(1.0, size + 1)
+    assert solve_in_place(matrix, expected, np.empty(size, np.uint64), np.empty(size))
+    room = np.array([others, 0, 0], np.uint64)
+    assert solve_generated(sources, rhs, *tables._replace(room=room)) == PIVOTING
+    np.testing.assert_array_equal(rhs, np.arange(1.0, size + 1))
+    room = np.array([others, right, 0], np.uint64)
+    assert solve_generated(sources, rhs, *tables._replace(room=room)) == COMPLETED
+    np.testing.assert_array_equal(rhs, expected)
+    assert room.tolist() == [right, others, 0]
 
 
 def test_the_march_halts_where_code_is_given_up(monkeypatch):

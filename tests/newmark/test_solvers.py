@@ -55,7 +55,7 @@ def eliminated(subject, scheme, values, rhs):
     system = StaticSystem(subject, scheme).elimination
     sources, tables, found, lists = system.sources(values), system.tables, rhs.copy(), rhs.copy()
     assert system.solve(sources, found, *tables) == 0
-    assert static_elimination.solve_in_order(sources, lists, *tables) == 0
+    assert static_elimination.solve_in_order(sources, lists, *system.entries) == 0
     np.testing.assert_allclose(lists, found, rtol=1e-9, atol=0)
     return found
 

@@ -3,7 +3,7 @@
 Along a march the exchanges change seldom.  With them known the elimination can be written
 out, see `generated`.  The code compares every pivot with the entries below it and gives up
 where partial pivoting would take another row: what it solves, partial pivoting solves with
-the same operations.
+the same operations.  Then other code is tried, and loops solve what none does.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from newmark_cli.newmark.linear import assembly
 from newmark_cli.newmark.linear.assembly import Constants
 from newmark_cli.newmark.linear.dense import assembled, no_tables
 from newmark_cli.newmark.linear.ordering import Order
-from newmark_cli.newmark.linear.written import generated, static_elimination
+from newmark_cli.newmark.linear.written import generated
 from newmark_cli.newmark.linear.written.generated import Written
 from newmark_cli.newmark.linear.written.lists import EliminationLists
 from newmark_cli.newmark.march_data import MatrixTables, State
@@ -29,6 +29,9 @@ _BETWEEN = 1_000
 _PATIENCE = 20
 #: Most orders of rows that are remembered, whatever the number of steps.
 _MOST_KNOWN = 64
+#: Most of them that a march goes to and fro between without a halt.  Where none of them fits,
+#: they take a few times as long as the loops that follow.
+_AT_HAND = 4
 _NEVER = 2**62
 
 
@@ -44,15 +47,15 @@ class Exchanges:
     def __init__(self, problem: Problem, scheme: Scheme, dense: MatrixTables) -> None:
         """Of index 3; the dense tables are the problem's."""
         self._problem, self._scheme, self._dense = problem, scheme, dense
-        self._known: dict[bytes, Written | None] = {}
-        self._nothing = no_tables(scheme)
-        self._current = self._nothing
+        self._known: dict[bytes, Written | int | None] = {}
+        #: Tables of `static_elimination.solve_generated`; empty ones for loops.
+        self.tables = no_tables(scheme)
         self._steps = self.looks = self.given_up = self.compiled = 0
 
     @property
     def coded(self) -> bool:
-        """Whether there is code for the exchanges of the last look."""
-        return self._current is not self._nothing
+        """Whether there is code for some exchanges."""
+        return len(self.tables.room) > 0
 
     @property
     def patience(self) -> int:
@@ -68,38 +71,42 @@ class Exchanges:
         self._steps += len(given_up)
         self.given_up += int(given_up.sum())
 
-    def at(self, state: State, step: int) -> MatrixTables:
-        """Tables of `static_elimination.solve_generated` to go on with; empty ones for loops."""
-        if self._may_look and not (self.coded and self.given_up < _PATIENCE):
-            self.looks, self.given_up = self.looks + 1, 0
-            self._current = self._looked_up(state, step) or self._nothing
-        return self._current
+    def look(self, state: State, step: int) -> None:
+        """See to code for the exchanges at a state, if those that have some do not serve."""
+        if not self._may_look or (self.coded and self.given_up < _PATIENCE):
+            return
+        self.looks, self.given_up = self.looks + 1, 0
+        address = self._address(state, step)
+        others = [other for other in self.tables.room.tolist() if other != address]
+        if address:
+            self.tables.room[:] = [address, *others][: len(self.tables.room)]
 
-    def _looked_up(self, state: State, step: int) -> MatrixTables | None:
+    def _address(self, state: State, step: int) -> int:
+        """Where the code for the exchanges at a state stands; 0 where there is none."""
         problem, (u, v, *_) = self._problem, state.fields.astype(float)
         t, multipliers = problem.t0 + step * self._scheme.h, state.multipliers.astype(float)
         values = problem.values(t, u, v, multipliers)
-        matrix = assembled(self._dense, self._scheme, values)
-        rows = row_order(matrix)
+        rows = row_order(assembled(self._dense, self._scheme, values))
         if rows is None:
-            return None
+            return 0
         key = rows.tobytes()
         if key not in self._known:
             if len(self._known) == _MOST_KNOWN:
-                return None
+                return 0
             self._known[key] = _written(rows, problem, self._scheme, self._dense)
-        written = self._known[key]
-        if written is None:
-            return None
-        room = written.tables.room
-        if not room[static_elimination.ADDRESS]:
-            room[static_elimination.ADDRESS] = written.address(compiling=False)
-        if not room[static_elimination.ADDRESS]:
-            if self.compiled >= self._steps // _WORTH:
-                return None
-            self.compiled += 1
-            room[static_elimination.ADDRESS] = written.address()
-        return written.tables
+        known = self._known[key]
+        if isinstance(known, Written):
+            address = known.address(compiling=False)
+            if not address:
+                if self.compiled >= self._steps // _WORTH:
+                    return 0
+                self.compiled += 1
+                address = known.address()
+            if not self.coded:
+                # Whatever the rows, the same numbers.
+                self.tables = known.tables._replace(room=np.zeros(_AT_HAND, np.uint64))
+            self._known[key] = known = address
+        return known or 0
 
 
 def _written(

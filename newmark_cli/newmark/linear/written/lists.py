@@ -37,13 +37,15 @@ class EliminationLists:
 
     def tables(self, constants: Constants, sums: Sums, dtype: type) -> MatrixTables:
         """A matrix with this pattern, as `static_elimination` reads it; without work space."""
-        keys, slots = np.unique(self._keys(constants.rows, constants.columns), return_inverse=True)
+        # By columns in their order, and by rows in that of the matrix, for any order of these.
+        keys = self._column_place[constants.columns] * self.size + constants.rows
+        keys, slots = np.unique(keys, return_inverse=True)
         columns = self._column_place[sums.columns]
         by_column = np.argsort(columns, kind="stable")
         starts = np.arange(self.size + 1)
         sections = [
             self.order.rows, self.order.columns,
-            np.searchsorted(keys, starts * self.size), keys % self.size,
+            np.searchsorted(keys, starts * self.size), self._row_place[keys % self.size],
             np.searchsorted(columns[by_column], starts),
             self.upper_starts, self.upper_rows, self.lower_starts, self.lower_rows,
         ]  # fmt: skip
@@ -54,7 +56,7 @@ class EliminationLists:
             origins=sums.origins[by_column].astype(np.uint32),
             coefficients=sums.coefficients[by_column].astype(dtype),
             structure=np.concatenate(sections).astype(np.uint32),
-            room=np.array([*begins, 0, self.signed, self.size], np.uint64),
+            room=np.array([*begins, self.signed, self.size], np.uint64),
             work=np.empty(0, dtype),
         )
 

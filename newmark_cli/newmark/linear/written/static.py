@@ -126,14 +126,17 @@ class StaticElimination:
     @property
     def tables(self) -> MatrixTables:
         """All of it as `solve` reads it."""
-        tables = self.entries
-        if self.written_out and not tables.room[static_elimination.ADDRESS]:
-            tables.room[static_elimination.ADDRESS] = Written(tables).address()
-        return tables
+        if not self.written_out:
+            return self.entries
+        return self.entries._replace(room=np.array([self._address], np.uint64))
+
+    @cached_property
+    def _address(self) -> int:
+        return Written(self.entries).address()
 
     @cached_property
     def entries(self) -> MatrixTables:
-        """The same without the address of code for it."""
+        """The same as the loops read it."""
         lists, dtype = self.lists, self.scheme.dtype
         constants, sums = self._in_units(*self.constants), self._sums
         coefficients = self._in_units(sums.rows, sums.columns, sums.coefficients).values

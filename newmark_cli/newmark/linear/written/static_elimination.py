@@ -26,9 +26,8 @@ _compile = cached_njit(nogil=True, error_model="numpy")
 #: Largest multiplier of an elimination.
 LARGEST_MULTIPLIER = 1e4
 
-#: Sections of ``structure``, in this order; ``room`` has where they begin, then the
-#: address of code that is made for the pattern, if there is any, whether every pivot has to be
-#: positive, and N.
+#: Sections of ``structure``, in this order; ``room`` has where they begin, then whether every
+#: pivot has to be positive, and N.
 SECTIONS = (
     "row_order", "column_order",
     "constant_starts", "constant_rows", "term_starts",
@@ -39,7 +38,7 @@ SECTIONS = (
     UPPER_STARTS, UPPER_ROWS, LOWER_STARTS, LOWER_ROWS,
 ) = range(len(SECTIONS))  # fmt: skip
 
-ADDRESS, SIGNED = len(SECTIONS), len(SECTIONS) + 1
+SIGNED = len(SECTIONS)
 
 
 @_compile
@@ -200,5 +199,16 @@ def _call(typing, address, sources, rhs, constant, coefficients, work):
 def solve_generated(
     sources, rhs, constant, places, origins, coefficients, structure, room, work
 ):  # fmt: skip
-    """The same by the code that `generated` has made for the pattern."""
-    return _call(room[ADDRESS], sources, rhs, constant, coefficients, work)  # type: ignore[call-arg]
+    """The same by code that `generated` has made for the pattern.
+
+    Addresses of such code are all that ``room`` has, 0 for none: whichever solves the system
+    comes first from then on.
+    """
+    for k in range(room.shape[0]):
+        if room[k] == 0:
+            break
+        if _call(room[k], sources, rhs, constant, coefficients, work) == COMPLETED:  # type: ignore[call-arg]
+            for before in range(k, 0, -1):
+                room[before], room[before - 1] = room[before - 1], room[before]
+            return COMPLETED
+    return PIVOTING
