@@ -94,8 +94,11 @@ _WOUND = 0.05
 
 @_inline
 def item(ints, k):
-    """An entry of a table of elements, unsigned: numba tests signed indices for their sign."""
-    return np.uint32(ints[0, np.uint32(k)])
+    """An entry of a table of elements that is an index.
+
+    Numba tests signed indices for their sign, which LLVM drops where it sees that there is none.
+    """
+    return np.int64(np.uint32(ints[0, np.uint32(k)]))
 
 
 @_inline
