@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.codes import geometry, levels
-from newmark_cli.codes.changes import Discrepancy, FileNumbers, FittedChange, explained_by
+from newmark_cli.codes.changes import (
+    TERMS,
+    Discrepancy,
+    FileNumbers,
+    FittedChange,
+    explained_by,
+)
 from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
@@ -41,6 +47,8 @@ _SHIFTS, _LEFT = (-1.0, -0.5, 0.5, 1.0), 0.1
 _MANY, _OFTEN = 8, 0.1
 #: Tolerances that an error should not exceed.
 _TOLERANCES = 1e3
+#: Error that rounding to single precision may leave.
+_ROUNDED = 3e-7
 #: Numbers that may each explain a table, of which a sentence names at most so many.
 _NAMED = 4
 
@@ -178,6 +186,13 @@ def _of_motion(
     held = [*levels.constraints(evidence)]
     # An iteration that ends early leaves forces of a state before, too.
     pushed = [] if _named(held, "Newton ends early") else [*first_order(evidence)]
+    lacking = pushed and TERMS.get(pushed[0].name)
+    for k, one in enumerate(found if lacking else ()):
+        if any(name.startswith(lacking) for name in one.evidence.get("changes", ())):
+            left = pushed.pop().evidence["left"]
+            also = f"; it explains errors of u and v of order 1, too, all but {left:.1%}"
+            found[k] = replace(one, text=one.text + also)
+            break
     found += [*pushed, *held, *alternates]
     if not explains and not any(one.fault for one in found):
         found += [*_lambda_stops(evidence)] or [*_low_order(evidence)]
@@ -415,6 +430,8 @@ def _mechanism(
         return
     what = "no single number of the mechanism explains it" if file else (
         "a number of the problem differs")  # fmt: skip
+    if wanted.largest < _ROUNDED:
+        what += "; forces or numbers that are rounded to single precision leave as much"
     tried = {fit.candidate.name: fit.change for fit in fits[:_NAMED]}
     yield evidence.finding("seen", f"{wanted.seen()}; {what}", tried=tried)
 

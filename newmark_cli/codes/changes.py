@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
+from newmark_cli.codes.further_forces import difference, further_forces
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
 from newmark_cli.mechanisms import loading, tables_beside
-from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
@@ -40,12 +40,20 @@ _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
 #: their size.
 _LOADS = (("forces", "force"), ("torques", "torque"))
 _SIZES = ("value", "rate", "acceleration", "amplitude", "powers", "sines", "table", "values")
+_MOMENTS = ("xx", "yy", "zz")
 #: Numbers that files have positive only, and the share of one that is left out.
 _POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
 #: Shares by which a number is scanned where the error is large: left out and turned come first.
 _SCAN = (-0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0, 3.0, 11.0)
 #: What of a change of h a number may follow that the smallest two step sizes ask for.
 _FOLLOWS = 0.6
+#: Terms of accelerations that codes lack.
+TERMS = {"κ": "κ of Gᵀa + κ = 0 (centrifugal terms)",
+         "motions": "the acceleration of the motions"}  # fmt: skip
+#: Ranks of places and of pushes, and candidates that are fitted to the whole motion.
+_PLACE, _LAST, _KEPT = 1, 2, 6
+#: Part of the rows that all candidates are fitted to, and how clear these must be.
+_EARLY, _CLEAR = 0.4, 30.0
 #: What an explanation may leave, over what truncation does; relative to all, in the mean.
 _EXPLAINS, _IN_THE_MEAN = 3.0, 0.2
 
@@ -124,7 +132,7 @@ def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
     def make(other: Mapping[str, Any]) -> Problem:
         return loading.built(problem.name, Document.of("mechanism", other))
 
-    return FileNumbers(document, make, _difference(problem, make(document)) if coded else None)
+    return FileNumbers(document, make, difference(problem, make(document)) if coded else None)
 
 
 def _sizes(value: Any) -> Iterator[float]:
@@ -164,45 +172,48 @@ class Candidate:
 
     Attributes:
         name: What it is called.
-        of: Its change, and a tolerance → the motion.
+        of: Its change, a tolerance and a last time (s) → the motion.
         said: Its change → what it is then.
         starts: Changes that are tried first, such as −1, where it is left out.
-        place: Whether it is a place, which is looked at where no other number explains.
+        rank: 0, or that of places and of pushes, which are looked at where no other explains.
+        holds: Whether a change can be.
     """
 
     name: str
-    of: Callable[[float, float], Truth]
+    of: Callable[[float, float, float], Truth]
     said: Callable[[float], str]
     starts: Sequence[float] = ()
-    place: bool = False
+    rank: int = 0
+    holds: Callable[[float], bool] = lambda c: True
 
 
 def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Candidate]:
     """What may have been changed, the numbers of the file first."""
-    problem, end = evidence.problem, evidence.end
+    problem = evidence.problem
 
     def lacking(
         name: str, changed: Callable[[float], dict[str, Any]], starts: Sequence[float]
     ) -> Candidate:
         """A term of which a share may be lacking: its change → what the motion has otherwise."""
         return Candidate(
-            name, lambda c, tol: Truth(problem, end, tolerance=tol, **changed(c)), share(name),
-            starts,
+            name, lambda c, tol, end: Truth(problem, end, tolerance=tol, **changed(c)),
+            share(name), starts,
         )  # fmt: skip
 
     if file is not None:
         yield from _of_file(evidence, file)
         yield from _of_motions(evidence, file)
-    for name, moment in _gyroscopic(problem, file):
-        yield lacking(name, partial(_against, moment), (-1.0, -2.0))
-    size = float(np.abs(problem.M).max()) * evidence.scale["a"] / evidence.scale["v"]
-    drag = lacking("a drag −c v", partial(_against, lambda u, v: size * v), ())
-    yield replace(drag, said=lambda c: f"a drag −c v, c = {c * size:.3g}")
+    size = float(np.abs(problem.M).max()) * evidence.scale["a"]
+    for one in further_forces(problem, size, evidence.scale["v"], file):
+        there = lacking(one.name, partial(_multiple, one.of), one.starts)
+        rank = _LAST if one.last else 0
+        yield replace(there, said=one.said or there.said, holds=one.holds, rank=rank)
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
-    terms = {"κ of Gᵀa + κ = 0 (centrifugal terms)": lambda c: (1 + c, 1.0)}
-    if file is not None and file.document.get("motions"):
-        terms["the acceleration of the motions"] = lambda c: (1.0, 1 + c)
-    for name, of in terms.items():
+    driven = file is not None and file.document.get("motions")
+    for key, of in {"κ": lambda c: (1 + c, 1.0), "motions": lambda c: (1.0, 1 + c)}.items():
+        if key == "motions" and not driven:
+            continue
+        name = TERMS[key]
         yield lacking(name, partial(_less_curved, of, False), (-1.0, -2.0))
         if right:
             yield lacking(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
@@ -210,9 +221,9 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         yield lacking("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
 
-def _against(push: Callable[[Array, Array], Array], c: float) -> dict[str, Any]:
-    """A further force −c times what a function of u and v gives."""
-    return {"force": lambda t, u, v: -c * push(u, v)}
+def _multiple(force: Force, c: float) -> dict[str, Any]:
+    """A further force."""
+    return {"force": lambda t, u, v: c * force(t, u, v)}
 
 
 def _less_curved(
@@ -225,12 +236,12 @@ def _less_curved(
 def _of_motions(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     """Numbers of motions, with which a mechanism also starts otherwise."""
 
-    def driven(path: Path, start: Any, c: float, tolerance: float) -> Truth:
+    def driven(path: Path, start: Any, c: float, tolerance: float, end: float) -> Truth:
         # It starts as its first row says, or projected.
         moving = replace(file, document={**file.document, "project_velocities": True})
         other = moving.changed([path], lambda value: _times(value, c))
         u0, v0 = start or (None, None)
-        return Truth(other, evidence.end, u0=u0, v0=v0, force=file.push, tolerance=tolerance)
+        return Truth(other, end, u0=u0, v0=v0, force=file.push, tolerance=tolerance)
 
     begins = [None] if evidence.start is None else [evidence.start, None]
     for path, start in itertools.product(file.motions(), begins):
@@ -239,15 +250,19 @@ def _of_motions(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate
 
 def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     """Each number of a file, phases that it leaves out, and all numbers of a kind together."""
-    right, end = evidence.problem, evidence.end
+    right = evidence.problem
 
     def moved(
-        paths: Sequence[Path], change: Callable[[Any, float], Any], c: float, tolerance: float
+        paths: Sequence[Path],
+        change: Callable[[Any, float], Any],
+        c: float,
+        tolerance: float,
+        end: float,
     ) -> Truth:
         # The start is that of the right mechanism: a table may say otherwise in its first row.
         if c < -1 and paths[0][-1] in _POSITIVE:
             less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
-            term = _difference(file.make(file.document), less)
+            term = difference(file.make(file.document), less)
             return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
         if np.abs(other.constraint_values(right.t0, right.u0)).max(initial=0.0) > _MISFIT:
@@ -278,6 +293,14 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             yield number([path], _rotated, "the direction of gravity",
                          lambda c: f"gravity turned by {math.degrees(c):.4g}°",
                          (math.pi / 2, -math.pi / 2))  # fmt: skip
+        for axis in _across(value) if key == "gravity" and len(value) == 3 else ():
+            said = partial(_said_turned, value, axis)
+            yield number([path], partial(_turned_about, axis), f"gravity about {'xyz'[axis]}",
+                         said, (math.pi / 2, -math.pi / 2))  # fmt: skip
+        if key == "inertia" and any((body := file.at(path[:-1])).get("centre") or ()):
+            said = partial("{} with {:.4g} times its parallel-axis term besides".format, name)
+            yield number([path], partial(_besides, body), f"{name}, parallel axes", said,
+                         (1.0, -1.0))  # fmt: skip
         if key == "frequency":
             phase = (*path[:-1], "phase")
             said = partial("{} + {:.5g} rad".format, joined(phase))
@@ -290,14 +313,7 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     for path in file.places():
         said = partial("{} {:+.5g} m".format, joined(path))
         turned = (-2 * file.at(path),) if file.at(path) else ()
-        yield replace(number([path], _plus, "", said, turned), place=True)
-
-
-def _difference(problem: Problem, less: Problem) -> Force:
-    """The force of what a problem has more than another."""
-    return lambda t, u, v: np.asarray(
-        problem.free_values(t, u, v).force - less.free_values(t, u, v).force
-    )
+        yield replace(number([path], _plus, "", said, turned), rank=_PLACE)
 
 
 def joined(path: Path) -> str:
@@ -331,6 +347,38 @@ def _rotated(value: Sequence[float], c: float) -> list[float]:
     return [x * math.cos(c) - y * math.sin(c), x * math.sin(c) + y * math.cos(c)]
 
 
+def _across(vector: Sequence[float]) -> Iterator[int]:
+    """Axes about which a vector in space can be turned."""
+    yield from (k for k in range(3) if any(x for i, x in enumerate(vector) if i != k))
+
+
+def _turned_about(axis: int, value: Sequence[float], c: float) -> list[float]:
+    """A vector in space, turned about an axis by c (rad)."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turned = [*value]
+    turned[i], turned[j] = _rotated((value[i], value[j]), c)
+    return turned
+
+
+def _said_turned(value: Sequence[float], axis: int, c: float) -> str:
+    there = ", ".join(f"{round(x, 4) + 0.0:g}" for x in _turned_about(axis, value, c))
+    return f"gravity turned by {math.degrees(c):.4g}° about {'xyz'[axis]}, to [{there}]"
+
+
+def _besides(body: Mapping[str, Any], inertia: Any, c: float) -> Any:
+    """An inertia with c times what it is more about the origin of its body."""
+    centre = np.array(body["centre"], float)
+    term = c * body["mass"] * (centre @ centre * np.eye(len(centre)) - np.outer(centre, centre))
+    if not isinstance(inertia, list | tuple | Mapping):
+        return inertia + float(term[0, 0] + term[-1, -1])
+    given = inertia if isinstance(inertia, Mapping) else dict(zip(_MOMENTS, inertia, strict=True))
+    places = itertools.combinations_with_replacement(range(3), 2)
+    return {
+        "xyz"[i] + "xyz"[j]: given.get("xyz"[i] + "xyz"[j], 0.0) + float(term[i, j])
+        for i, j in places
+    }
+
+
 def _mixed(i: int, j: int, value: Sequence[float], c: float) -> list[float]:
     """Numbers of which a share c of two is exchanged."""
     values = [*value]
@@ -342,48 +390,6 @@ def _mixed(i: int, j: int, value: Sequence[float], c: float) -> list[float]:
 def _exchanged(name: str, one: str, other: str, c: float) -> str:
     what = f"{name} about {one} and {other}"
     return f"{what} exchanged" if abs(c - 1) < 1e-3 else f"a share of {c:.5g} of {what} exchanged"
-
-
-def _gyroscopic(
-    problem: Problem, file: FileNumbers | None
-) -> Iterator[tuple[str, Callable[[Array, Array], Array]]]:
-    """ω × J ω, with J about centres of mass, or about the point that holds a single body."""
-    outputs = problem.outputs
-    if not isinstance(outputs, SpatialOutputs) or not 0 < problem.n == 12 * len(outputs.bodies):
-        return
-    joints = [*((file.document.get("joints") or {}).values() if file else ())]
-    held = len(outputs.bodies) == len(joints) == 1 and isinstance(joints[0].get("at"), list)
-    for point in (None, joints[0]["at"]) if held else (None,):
-        name = f"the gyroscopic moment ω × J ω{'' if point is None else ' about the joint'}"
-        yield name, partial(_moment, _tensors(problem, point))
-    tensors = _tensors(problem, None)
-    for k, body in enumerate(outputs.bodies if len(tensors) > 1 else ()):
-        only = np.where(np.arange(len(tensors)) == k, tensors.T, 0.0).T
-        yield f"the gyroscopic moment ω × J ω of {body}", partial(_moment, only)
-
-
-def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
-    """(bodies, 3, 3) J in axes of the bodies, about their centres or about a point at the start."""
-    bodies = problem.n // 12
-    blocks = np.asarray(problem.M)[::3, ::3].reshape(bodies, 4, bodies, 4)
-    tensors = []
-    for k, body in enumerate(problem.u0.reshape(-1, 4, 3)):
-        block = blocks[k, :, k, :]  # ∫ (1, x) (1, x)ᵀ dm
-        about = block[0, 1:] / block[0, 0] if point is None else body[1:] @ (point - body[0])
-        shift = np.vstack([-about, np.eye(3)])
-        euler = shift.T @ block @ shift
-        tensors.append(np.trace(euler) * np.eye(3) - euler)
-    return np.array(tensors)
-
-
-def _moment(tensors: Array, u: Array, v: Array) -> Array:
-    """(n,) the moments ω × J ω as forces on directors: half of moment × director on each."""
-    axes, rates = u.reshape(-1, 4, 3)[:, 1:], v.reshape(-1, 4, 3)[:, 1:]
-    pushed = np.zeros((len(tensors), 4, 3))
-    for k, omega in enumerate(angular_velocities(axes, rates)):
-        moment = np.cross(omega, (tensors[k] @ (axes[k] @ omega)) @ axes[k])
-        pushed[k, 1:] = np.cross(moment, axes[k]) / 2
-    return pushed.ravel()
 
 
 def share(name: str) -> Callable[[float], str]:
@@ -408,10 +414,14 @@ class FittedChange:
 class Discrepancy:
     """What the smallest step size is off by, weighted by what truncation may leave."""
 
-    def __init__(self, evidence: SeriesErrors, without: Sequence[str] = ()) -> None:
+    def __init__(
+        self, evidence: SeriesErrors, without: Sequence[str] = (), share: float = 1.0
+    ) -> None:
         run = evidence.runs[-1]
         rows = evidence.looked_at(run)
         rows = rows[evidence.settled(run)[rows]] if evidence.settled(run)[rows].any() else rows
+        rows = rows[: math.ceil(share * len(rows))]
+        self._end = evidence.end if share == 1 else float(run.t[rows[-1]])
         self.evidence, self._rows, self._without = evidence, rows, without
         self.unsure = {x: 2 * evidence.bound(x) for x in PARTS if evidence.has[x]}
         self.parts = [
@@ -419,21 +429,22 @@ class Discrepancy:
             if evidence.has[x] and x not in without
             and (x != "lambda" or self.unsure[x] < max(1e-3, 0.6 * evidence.last(x)[-1]))
         ]  # fmt: skip
-        off = {x: evidence.error(x, -1)[rows] for x in self.parts}
+        self.off = off = {x: evidence.error(x, -1)[rows] for x in self.parts}
         largest = {x: float(np.abs(of).max()) for x, of in off.items()}
         self.largest = max(largest.values())
         weight = {x: 1 / max(self.unsure[x], 2e-3 * largest[x], 1e-15) for x in self.parts}
         self._met = WeightedRows(evidence, rows, weight)
         self.all = self._met.stacked(off)
         self.size = float(np.linalg.norm(self.all))
-        self.tolerance = float(np.clip(1e-4 * self.largest, EXACT, 1e-8))
-        right = Truth(evidence.problem, evidence.end, tolerance=self.tolerance)
+        least, most = (EXACT, 1e-8) if share == 1 else (1e-10, 1e-6)
+        self.tolerance = float(np.clip(1e-4 * self.largest, least, most))
+        right = Truth(evidence.problem, self._end, tolerance=self.tolerance)
         self._right = self._met.values(right)
 
     def moved(self, candidate: Candidate, c: float) -> Array:
         """By how much a change moves all rows; huge if no mechanism can have it."""
         try:
-            moved = self._met.values(candidate.of(c, self.tolerance)) - self._right
+            moved = self._met.values(candidate.of(c, self.tolerance, self._end)) - self._right
         except (ArithmeticError, InputError, np.linalg.LinAlgError, NoMotion):
             return np.full_like(self.all, 1e9)
         return np.where(np.isfinite(moved), moved, 1e9)
@@ -474,22 +485,43 @@ class Discrepancy:
         """What each candidate leaves, the best first."""
         fits: list[FittedChange] = []
         every = list(candidates(self.evidence, file))
-        rounds = [(False, False), (False, True), (True, False)]
         moves = any(self.evidence.elsewhere(part) for part in ("u", "v"))
-        for far, place in rounds if self.largest > 0.02 and moves else rounds[: 1 + moves]:
-            for candidate in (one for one in every if one.place == place):
-                starts = _SCAN if far else candidate.starts
-                near, least = 0.0, (0.6 if far else 0.3)
-                for c in starts if self.largest > 1e-4 else ():
-                    if (left := self._left(self.moved(candidate, c))[1]) < least:
-                        near, least = c, left
-                if near or not far:
-                    fits.append(self.fitted(candidate, near))
+        rounds = [(False, 0), (False, _PLACE), (False, _LAST)] if moves else [(False, 0)]
+        if self.largest > 0.02 and moves:
+            rounds.insert(2, (True, 0))
+        early = self._early()
+        for far, rank in rounds:
+            tried = [(one, 0.0) for one in every if one.rank == rank]
+            if early and len(tried) > _KEPT:
+                first = [fit for one, _ in tried for fit in early.tried(one, 0.0, far)]
+                first.sort(key=lambda fit: fit.mean)
+                tried = [(fit.candidate, fit.change) for fit in first[:_KEPT]]
+            fits += [fit for one, near in tried for fit in self.tried(one, near, far)]
             best = min(fits, key=lambda fit: fit.worst, default=None)
             # A rest length is also that of a spring which is held elsewhere along its line.
             if best and best.worst < _EXPLAINS and "rest_length" not in best.candidate.name:
                 break
         return sorted(fits, key=lambda fit: fit.worst)
+
+    def tried(self, candidate: Candidate, near: float, far: bool) -> list[FittedChange]:
+        """A change fitted from where it is known to be near, or from the best of those to try."""
+        least = 0.6 if far else 0.3
+        starts = () if near else _SCAN if far else candidate.starts
+        for c in starts if self.largest > 1e-4 else ():
+            if (left := self._left(self.moved(candidate, c))[1]) < least:
+                near, least = c, left
+        if far and not near:
+            return []
+        fit = self.fitted(candidate, near)
+        return [fit] if candidate.holds(fit.change) else []
+
+    def _early(self) -> "Discrepancy | None":
+        """The first part of the motion, where that tells candidates apart."""
+        early = Discrepancy(self.evidence, self._without, _EARLY)
+        clear = early._met.stacked({x: np.full_like(of, _CLEAR * self.unsure[x])
+                                    for x, of in early.off.items()})  # fmt: skip
+        several = len(early._rows) > 1 and len(early._rows) < len(self._rows)
+        return early if several and (np.abs(early.all) > clear).any() else None
 
     def converges(self) -> bool:
         """Whether differences of successive step sizes fall, or are small against the error."""
@@ -506,11 +538,14 @@ class Discrepancy:
         if "lambda" in self.parts or "lambda" in self._without or not self.evidence.has["lambda"]:
             return True
         run, part = self.evidence.runs[-1], "lambda"
-        there = fit.candidate.of(fit.change, self.tolerance).at(run.t[self._rows])[part]
+        there = self._solved(fit).at(run.t[self._rows])[part]
         left = self.evidence.of(part, run.state[part][self._rows] - there)
         now = self.evidence.error(part, -1)[self._rows]
         allowed = max(_EXPLAINS * self.unsure[part], 1.2 * float(np.abs(now).max()))
         return bool(np.abs(left).max() <= allowed)
+
+    def _solved(self, fit: FittedChange) -> Truth:
+        return fit.candidate.of(fit.change, self.tolerance, self._end)
 
     def _falls(self, fit: FittedChange) -> bool:
         """Whether the next larger step size asks for a larger change: then no number differs."""
@@ -519,7 +554,7 @@ class Discrepancy:
             return False
         rows = self.evidence.looked_at(runs[0])
         t = runs[0].t[rows]
-        now, then = self.evidence.truth.at(t), fit.candidate.of(fit.change, self.tolerance).at(t)
+        now, then = self.evidence.truth.at(t), self._solved(fit).at(t)
         moved = {x: self.evidence.of(x, then[x] - now[x]) / self.unsure[x] for x in self.parts}
         missed = {x: self.evidence.error(x, -2)[rows] / self.unsure[x] for x in self.parts}
         effect, off = (

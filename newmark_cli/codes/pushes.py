@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from newmark_cli.codes.changes import TERMS
 from newmark_cli.codes.evidence import SYMBOLS, Finding, SeriesErrors, WeightedRows
 from newmark_cli.codes.truth import Truth
 from newmark_cli.problems.index_1 import Index1
-from newmark_cli.support.arrays import Array
+from newmark_cli.support.arrays import Array, IndexArray
 
 #: An order that is 1, and how far local orders may scatter.
 _OFF, _SCATTER = 0.2, 0.35
 #: Times at which pushes are sampled; part of a motion over which they are differences.
 _GRID, _APART = 400, 1e-6
-#: What an explanation may leave of u and v, and where terms of higher order are large; others must
-#: leave more than so many times as much.
-_LEAVES, _MOST, _WORSE = 0.2, 0.35, 3.0
+#: What an explanation may leave of u and v; others must leave more than so many times as much.
+_LEAVES, _WORSE = 0.15, 3.0
 #: Times more that one of two changes that are alike may leave.
 _ALIKE = 2.0
 
@@ -40,6 +40,11 @@ _SAYS = {
     "a(0)":
         "the first step lacks {c:.3g} h a(0): the integration does not begin from the a of "
         "M a = f + G λ, Gᵀa + κ = 0; solve that system for a and λ at t = 0",
+    "κ":
+        "accelerations lack κ of Gᵀa + κ = 0 (centrifugal terms), which projections make good "
+        "to order 1 only",
+    "motions":
+        "accelerations lack that of the motions, which projections make good to order 1 only",
     "backward Euler": "it is what backward Euler does",
     "forward Euler": "it is what forward Euler does",
 }  # fmt: skip
@@ -47,7 +52,7 @@ _SAYS = {
 _FREE = {
     "averaging": (-3.0, 3.0), "a(0)": (0.05, 1.5), "old force": (-1.5, 2.5),
     "old force/velocities": (-1.5, 2.5), "old force/positions": (-1.5, 2.5),
-    "old force/time": (-1.5, 2.5),
+    "old force/time": (-1.5, 2.5), "κ": (0.05, 1.5), "motions": (0.05, 1.5),
 }  # fmt: skip
 #: How near to 1 a fitted number is 1.
 _WHOLE = 0.03
@@ -62,7 +67,12 @@ class _Tried:
     @property
     def plain(self) -> bool:
         """Whether it explains without a number that is fitted."""
-        return self.name not in ("averaging", "a(0)") and self.c == 1.0
+        return self.name not in ("averaging", "a(0)", *TERMS) and self.c == 1.0
+
+    def worse(self, best: "_Tried") -> bool:
+        """Whether it leaves so much more than the best that it is no rival."""
+        margin = 0.0 if best.plain and not self.plain else 0.02
+        return self.left > _WORSE * best.left + margin
 
 
 def first_order(evidence: SeriesErrors) -> Iterator[Finding]:
@@ -83,14 +93,14 @@ def first_order(evidence: SeriesErrors) -> Iterator[Finding]:
     tried = sorted(_tried(evidence), key=lambda x: (x.left > 0.05 or not x.plain, x.left))
     seen = {one.name: {"leaves": one.left, "c": one.c} for one in tried[:4]}
     numbers = {"orders": low, "tried": seen}
-    good = [one for one in tried if one.left < _allowed(evidence)]
-    if good and all(x.left > _WORSE * good[0].left + 0.02 for x in tried if not _same(good[0], x)):
+    good = [one for one in tried if one.left < _LEAVES]
+    if good and all(x.worse(good[0]) for x in tried if not _same(good[0], x)):
         best = _likeliest(good)
         sign = "−" if best.c > 0 else "+"
         says = _SAYS[best.name].format(c=best.c, sign=sign, size=abs(best.c))
         hint = "" if fault else "; if your method has order 2, this is what is wrong with it"
         text = f"{said}: {says}; this explains all but {best.left:.1%} of u and v at all rows{hint}"
-        yield evidence.finding(best.name.partition("/")[0], text, fault, **numbers)
+        yield evidence.finding(best.name.partition("/")[0], text, fault, left=best.left, **numbers)
         return
     wanted = f", where the method has {told.order}" if fault else ""
     hint = "" if fault else "; if your method has order 2, something of the step is wrong"
@@ -104,21 +114,10 @@ def _likeliest(good: Sequence[_Tried]) -> _Tried:
     M ȧ and the rate of a force are alike where forces drive the motion, and nobody writes forces of
     t − 0.19 h.
     """
-    rivals = [one for one in good if one.left <= _WORSE * good[0].left + 0.02]
+    rivals = [one for one in good if not one.worse(good[0])]
     plain = [one for one in rivals if one.plain]
     weights = [one for one in rivals if one.name == "averaging"]
     return (plain or weights or rivals)[0]
-
-
-def _allowed(evidence: SeriesErrors) -> float:
-    """What terms of higher order leave of an explanation, from the two smallest step sizes."""
-    h, left = evidence.h, _LEAVES
-    for part in ("u", "v"):
-        if evidence.has[part]:
-            slopes = evidence.last(part)[-2:] / h[-2:]
-            higher = abs(slopes[0] / slopes[1] - 1) * h[-1] / (h[-2] - h[-1])
-            left = max(left, 1.5 * float(higher))
-    return min(left, _MOST)
 
 
 def _same(one: _Tried, other: _Tried) -> bool:
@@ -127,7 +126,9 @@ def _same(one: _Tried, other: _Tried) -> bool:
     if "averaging" in names and names & {"backward Euler", "forward Euler"}:
         # Weights that are off by about 1 are those of Euler's methods, but for the first step.
         return max(one.left, other.left) < _ALIKE * min(one.left, other.left)
-    return one is other or (one.name != "averaging" and names <= {"old force", "averaging"})
+    # Nobody writes forces of t − 0.3 h.
+    forces = [x for x in (one, other) if x.name == "old force" and (x is other or not x.plain)]
+    return one is other or (bool(forces) and names <= {"old force", "averaging"})
 
 
 def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
@@ -155,19 +156,40 @@ def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
     turning = np.gradient(gradients, grid, axis=0)
     pushes["old force/G"] = -np.einsum("tnm,tm->tn", turning, way["lambda"])
     pushes["old force/both"] = whole + pushes["old force/G"]
+    for name, curvature in {"κ": (0.0, 1.0), "motions": (1.0, 0.0)}.items():
+        # What they lack is at right angles to the constraints, and those turn in a step.
+        lacks = Truth(problem, evidence.end, curvature=curvature, recovered=True)
+        missed = way["lambda"] - lacks.at(grid)["lambda"]
+        pushes[name] = np.einsum("tnm,tm->tn", turning, missed)
     pushes["averaging"] = np.gradient(way["a"], grid, axis=0) @ problem.M
     size = np.abs(pushes["averaging"]).max()
     return {name: push for name, push in pushes.items() if np.abs(push).max() > 1e-9 * size}
+
+
+def _leading(evidence: SeriesErrors, rows: IndexArray) -> dict[str, Array]:
+    """Part → errors over h at some rows of the smallest step size, as h goes to 0.
+
+    Where the next larger step size has the row, too, terms of order 2 are taken out.
+    """
+    coarse, fine = evidence.runs[-2:]
+    places = np.abs(coarse.t[:, None] - fine.t[rows]).argmin(axis=0)
+    alike = np.abs(coarse.t[places] - fine.t[rows]) < 1e-6 * fine.size
+    share = np.where(alike, fine.size / (coarse.size - fine.size), 0.0)[:, None]
+    leading = {}
+    for part in (part for part in ("u", "v") if evidence.has[part]):
+        now = evidence.error(part, -1)[rows] / fine.size
+        leading[part] = now + share * (now - evidence.error(part, -2)[places] / coarse.size)
+    return leading
 
 
 def _tried(evidence: SeriesErrors) -> list[_Tried]:
     """Each change with the part of u and v that it leaves."""
     problem, none, h = evidence.problem, np.zeros(evidence.problem.m), float(evidence.h[-1])
     rows = evidence.looked_at(evidence.runs[-1])
-    off = {part: evidence.error(part, -1)[rows] for part in ("u", "v") if evidence.has[part]}
-    weight = {part: h / (float(np.abs(of).max()) or 1.0) for part, of in off.items()}
+    off = _leading(evidence, rows)
+    weight = {part: 1 / (float(np.abs(of).max()) or 1.0) for part, of in off.items()}
     met = WeightedRows(evidence, rows, weight)
-    wanted, right, small = met.stacked(off) / h, met.values(evidence.truth), 1e-3 * h
+    wanted, right, small = met.stacked(off), met.values(evidence.truth), 1e-3 * h
 
     def effect(**changed: Any) -> Array:
         return (met.values(Truth(problem, evidence.end, **changed)) - right) / small
@@ -188,7 +210,7 @@ def _tried(evidence: SeriesErrors) -> list[_Tried]:
         shift = {part: 0.5 * evidence.of(part, a) * (part == "v") for part in off}
         backward = effects["averaging"] - 0.5 * effects["a(0)"] - met.stacked(shift)
         effects |= {"backward Euler": backward, "forward Euler": -backward}
-    tried = []
+    tried: list[_Tried] = []
     for name, slope in effects.items():
         low, high = _FREE.get(name, (1.0, 1.0))
         c = float(slope @ wanted) / max(float(slope @ slope), 1e-300) if name in _FREE else 1.0

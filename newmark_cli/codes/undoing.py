@@ -70,7 +70,7 @@ def undone(runs: Runs, truth: Truth) -> Runs:
                 for run in done
             ]  # fmt: skip
             break
-    return replace(runs, runs=done, notes=notes)
+    return replace(runs, runs=done, notes=notes, differ=len(notes) > len(runs.notes))
 
 
 def _fits_start(part: str, runs: Sequence[Run], problem: Problem, found: Undone) -> bool:

@@ -50,6 +50,7 @@ class Judged:
         expected: What the caller expects of them, judged.
         measured: The runs with their errors, and those of this tool's own marches.
         abscissa: ``"h"`` or ``"tolerance"``.
+        differs: Whether units, signs or an order of columns are other than the problem's.
 
     Examples:
         >>> import newmark_cli as newmark
@@ -70,6 +71,7 @@ class Judged:
     expected: Sequence[Expected] = ()
     measured: Sequence[Measured] = field(default=(), repr=False)
     abscissa: str = STEP_SIZE
+    differs: bool = False
 
     @property
     def faults(self) -> tuple[Finding, ...]:
@@ -96,14 +98,15 @@ class Judged:
             return "No order could be judged."
         if failing := self._names(FAILING):
             return f"No cause of a fault was found; see above what is said of {failing}."
+        nothing = f"Nothing {'else' if self.differs else 'wrong'} was found"
         if undecided := self._names((UNDECIDED,)):
-            return f"Nothing wrong was found; no order could be judged of {undecided}."
+            return f"{nothing}; no order could be judged of {undecided}."
         if any(note.startswith("not read") for note in self.notes):
-            return "Nothing wrong was found in the columns that were read."
+            return f"{nothing} in the columns that were read."
         errors = [slope for slope in self.slopes if slope.measure == "error"]
         if errors and not self.expected and all(math.isnan(slope.expected) for slope in errors):
-            return "Nothing wrong was found. No order was expected, as no integrator was named."
-        return "Nothing wrong was found."
+            return f"{nothing}. No order was expected, as no integrator was named."
+        return f"{nothing}."
 
     def _names(self, verdicts: Sequence[str]) -> str:
         """Names of the series with one of these verdicts, separated by commas."""
@@ -299,6 +302,7 @@ def judge(
         ],
         measurements,
         runs.abscissa,
+        runs.differ,
     )
 
 

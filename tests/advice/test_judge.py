@@ -120,6 +120,7 @@ def test_units_names_signs_and_order_are_found_out():
     notes = " ".join(found.notes)
     assert "u is 1000 times as large, and taken to be in mm" in notes
     assert "the sign of λ is turned, of bars.rod" in notes
+    assert found.conclusion.startswith("Nothing else was found")
     for one in found.slopes:
         assert one.fit.slope == pytest.approx(usual[one.quantity], rel=1e-6, nan_ok=True)
     mapped = judged(

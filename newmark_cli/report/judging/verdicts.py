@@ -285,7 +285,10 @@ def _of_start(evidence: Evidence, points: Mask) -> str:
     """Why multipliers tell of the start at some of the points; empty where they do not.
 
     What index 3 leaves in them there decays as N² ρᴺ: each step passes it on through u, v and a.
+    Of a method that nobody names ρ is not known.
     """
+    if math.isnan(evidence.expected):
+        return ""
     with np.errstate(under="ignore"):
         left = evidence.steps**2 * evidence.fading**evidence.steps
     ruled = np.flatnonzero(points & (left > evidence.values))

@@ -1,0 +1,335 @@
+"""Forces that a code may have besides a mechanism's, may lack, or may take in other axes.
+
+Each is a function of t, u and v, of which a multiple is fitted.
+"""
+
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from newmark_cli.codes.truth import Force
+from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
+from newmark_cli.problems.problem import Problem
+from newmark_cli.support.arrays import Array
+
+if TYPE_CHECKING:
+    from newmark_cli.codes.changes import FileNumbers
+
+#: Speed below which dry friction falls to 0, over the largest speed of the motion.
+_SLIPS = 2e-3
+#: How near to 1 the multiple is of what is taken in other axes.
+_WHOLE = 1e-2
+_AXES = "xyz"
+
+#: Coordinates u (n,) → directions (n, k) of generalized forces that act on one thing.
+_Directions = Callable[[Array], Array]
+
+
+def _always(c: float) -> bool:
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherForce:
+    """A force of which a code may have a multiple besides.
+
+    Attributes:
+        name: What it is called.
+        of: Time (s), u and v → (n,) force, for a multiple of 1.
+        said: Its multiple → what it is then; None of a share of what the mechanism has.
+        starts: Multiples that are tried first.
+        holds: Whether a multiple can be.
+        last: Whether it is looked at only where no number explains.
+    """
+
+    name: str
+    of: Force
+    said: Callable[[float], str] | None = None
+    starts: Sequence[float] = ()
+    holds: Callable[[float], bool] = _always
+    last: bool = False
+
+
+def further_forces(
+    problem: Problem, force: float, speed: float, file: "FileNumbers | None"
+) -> Iterator[FurtherForce]:
+    """What a code may have besides.
+
+    Args:
+        problem: The mechanism.
+        force: Size of its forces (N).
+        speed: Largest of its velocities.
+        file: Its file.
+    """
+    for name, moment in _gyroscopic(problem, file):
+        yield FurtherForce(name, partial(_less, moment), starts=(-1.0, -2.0))
+    size = force / speed
+    yield FurtherForce(
+        "a drag −c v", lambda t, u, v: -size * v, lambda c: f"a drag −c v, c = {c * size:.3g}",
+        last=True,
+    )  # fmt: skip
+    if file is not None:
+        if file.push is not None:
+            yield FurtherForce("the forces in Python", file.push, starts=(-1.0, -2.0))
+        yield from _in_other_axes(problem, file)
+    for name, unit, axes, of in _places(problem, file.document if file else {}):
+        yield from _pushes(name, unit, axes, of, force, speed)
+
+
+def difference(problem: Problem, less: Problem) -> Force:
+    """The force of what a problem has more than another."""
+    return lambda t, u, v: np.asarray(
+        problem.free_values(t, u, v).force - less.free_values(t, u, v).force
+    )
+
+
+def _less(push: Callable[[Array, Array], Array], t: float, u: Array, v: Array) -> Array:
+    return -push(u, v)
+
+
+# -- pushes and friction ----------------------------------------------------------------------
+
+
+def _pushes(
+    name: str, unit: str, axes: str, of: _Directions, force: float, speed: float
+) -> Iterator[FurtherForce]:
+    """A constant, friction that grows with the rate, and friction that does not."""
+
+    def constant(k: int, t: float, u: Array, v: Array) -> Array:
+        return np.asarray(force * of(u)[:, k])
+
+    def viscous(t: float, u: Array, v: Array) -> Array:
+        directions = of(u)
+        return np.asarray(-force / speed * directions @ (directions.T @ v))
+
+    def dry(t: float, u: Array, v: Array) -> Array:
+        directions = of(u)
+        rate = directions.T @ v
+        size = max(float(np.linalg.norm(rate)), 1e-300)
+        share = np.tanh(size / (_SLIPS * speed)) / size
+        return np.asarray(-force * share * directions @ rate)
+
+    kind, per = ("force", "m") if unit == "N" else ("moment", "rad")
+    for k, axis in enumerate(axes):
+        what = f"a further {kind} on {name}{f' along {axis}' if kind == 'force' else ''}"
+        what = f"{what} about {axis}" if kind == "moment" and len(axes) > 1 else what
+        yield FurtherForce(what, partial(constant, k), _sized(what, force, unit), last=True)
+    for what, law, size, of_rate in (
+        ("viscous friction", viscous, force / speed, f"{unit} s/{per}"),
+        ("dry friction", dry, force, unit),
+    ):
+        what = f"{what} of {name}"
+        yield FurtherForce(what, law, _sized(what, size, of_rate), (), _positive, last=True)
+
+
+def _sized(what: str, size: float, unit: str) -> Callable[[float], str]:
+    return lambda c: f"{what}, {c * size:.4g} {unit}"
+
+
+def _positive(c: float) -> bool:
+    return c > 0
+
+
+def _places(
+    problem: Problem, document: Mapping[str, Any]
+) -> Iterator[tuple[str, str, str, _Directions]]:
+    """What may be pushed: name, unit, axes and directions."""
+    places = {name: k for k, name in enumerate(problem.coordinate_names)}
+    every = np.eye(problem.n)
+    spatial = isinstance(problem.outputs, SpatialOutputs)
+    vector, axes = (".origin", _AXES) if spatial else ("", "xy")
+    points = [name.removesuffix(f"{vector}.x") for name in places if name.endswith(f"{vector}.x")]
+    for point in points:
+        names = [f"{point}{vector}.{axis}" for axis in axes]
+        if places.keys() >= {*names}:
+            columns = [places[name] for name in names]
+            yield point, "N", axes, partial(_constant, every[:, columns])
+    turns = _turns_in_space(problem) if spatial else _turns(problem, document, places)
+    for name, of in turns.items():
+        yield name, "N m", _AXES if spatial else "z", of
+    for one, other in _bearings(document, turns, spatial):
+        yield f"{one} on {other}", "N m", _AXES if spatial else "z", \
+            partial(_apart, turns[one], turns[other])  # fmt: skip
+
+
+def _constant(directions: Array, u: Array) -> Array:
+    return directions
+
+
+def _apart(one: _Directions, other: _Directions, u: Array) -> Array:
+    return one(u) - other(u)
+
+
+def _turns_in_space(problem: Problem) -> dict[str, _Directions]:
+    """Body → a moment as forces on its directors, half of moment × director on each."""
+    assert isinstance(problem.outputs, SpatialOutputs)
+
+    def turn(k: int, u: Array) -> Array:
+        directions = np.zeros((len(u) // 12, 4, 3, 3))
+        directors = u.reshape(-1, 4, 3)[k, 1:]
+        directions[k, 1:] = np.cross(np.eye(3)[None], directors[:, None]).swapaxes(1, 2) / 2
+        return directions.reshape(len(u), 3)
+
+    return {name: partial(turn, k) for k, name in enumerate(problem.outputs.bodies)}
+
+
+def _turns(
+    problem: Problem, document: Mapping[str, Any], places: Mapping[str, int]
+) -> dict[str, _Directions]:
+    """Body in the plane → a moment on its angle, or as a pair of forces on its two points."""
+
+    def turn(ends: Sequence[tuple[Any, Any]], u: Array) -> Array:
+        there = [np.array(fixed) if at is None else u[at] for at, fixed in ends]
+        x, y = there[1] - there[0]
+        across = np.array([-y, x]) / (x * x + y * y)
+        directions = np.zeros((problem.n, 1))
+        for (at, _), sign in zip(ends, (-1, 1), strict=True):
+            if at is not None:
+                directions[at, 0] = sign * across
+        return directions
+
+    turns: dict[str, _Directions] = {}
+    for name, body in (document.get("bodies") or {}).items():
+        if (angle := places.get(f"{name}.angle")) is not None:
+            turns[name] = partial(_constant, np.eye(problem.n)[:, [angle]])
+            continue
+        ends = []
+        for key in ("from", "to"):
+            fixed = document["points"].get(body.get(key), {}).get("fixed")
+            at = [places.get(f"{body.get(key)}.{axis}") for axis in "xy"]
+            if fixed or None not in at:
+                ends.append((None, fixed) if fixed else (at, None))
+        if len(ends) == 2:
+            turns[name] = partial(turn, ends)
+    return turns
+
+
+def _bearings(
+    document: Mapping[str, Any], turns: Mapping[str, _Directions], spatial: bool
+) -> list[tuple[str, str]]:
+    """Pairs of bodies that turn about each other."""
+    if spatial:
+        joints = (document.get("joints") or {}).values()
+        pairs = [(joint.get("from"), joint.get("to")) for joint in joints]
+    else:
+        bodies = document.get("bodies") or {}
+        pairs = [
+            (one, other) for one, other in itertools.combinations(bodies, 2)
+            if {bodies[one].get(key) for key in ("from", "to")}
+            & {bodies[other].get(key) for key in ("from", "to")}
+        ]  # fmt: skip
+    return [*dict.fromkeys(pair for pair in pairs if turns.keys() >= {*pair})]
+
+
+# -- axes of loads ----------------------------------------------------------------------------
+
+
+def _in_other_axes(problem: Problem, file: "FileNumbers") -> Iterator[FurtherForce]:
+    """Loads whose components are taken along a body in place of global axes, or the other way."""
+    document = file.document
+    mechanism = file.make(document)
+
+    def replaced(part: str, name: str, **keys: Any) -> Problem:
+        load = {**document[part][name], **keys}
+        return file.make({**document, part: {**document[part], name: load}})
+
+    def frame(name: str, of: Force, axes: str) -> FurtherForce:
+        text = f"{name} in axes of {axes}" if axes != "global" else f"{name} in global axes"
+        return FurtherForce(text, of, lambda c: text, (1.0,), lambda c: abs(c - 1) < _WHOLE)
+
+    spatial = isinstance(problem.outputs, SpatialOutputs)
+    for name, load in (document.get("forces") or {}).items():
+        zero = replaced("forces", name, force=[0.0] * (3 if spatial else 2))
+        for body, turn in _frames(problem, document, load.get("at")):
+            turned = partial(_turned, difference(mechanism, zero), turn)
+            yield frame(f"forces.{name}", turned, body)
+    for name, load in (document.get("torques") or {}).items() if spatial else ():
+        if isinstance(load.get("torque"), list | tuple):
+            other = "global" if load.get("frame") == "body" else "body"
+            of = difference(replaced("torques", name, frame=other), mechanism)
+            yield frame(f"torques.{name}", of, other if other == "global" else load["on"])
+
+
+def _turned(load: Force, turn: _Directions, t: float, u: Array, v: Array) -> Array:
+    """What a load is more in other axes, whose directions are rows of (k, k)."""
+    axes, given = turn(u), load(t, u, v)
+    whole = len(u) - len(u) % len(axes)
+    turned = np.array(given)
+    turned[:whole] = (given[:whole].reshape(-1, len(axes)) @ axes).ravel()
+    return turned - given
+
+
+def _frames(
+    problem: Problem, document: Mapping[str, Any], at: Any
+) -> Iterator[tuple[str, _Directions]]:
+    """Bodies and bars whose axes a force at a point may be given in."""
+    on = (document.get("body_points") or {}).get(at, {}).get("on", at)
+    if isinstance(problem.outputs, SpatialOutputs):
+        if on in problem.outputs.bodies:
+            k = problem.outputs.bodies.index(on)
+            yield on, lambda u: u.reshape(-1, 4, 3)[k, 1:]
+        return
+    places = {name: k for k, name in enumerate(problem.coordinate_names)}
+
+    def along(ends: Sequence[str], u: Array) -> Array:
+        there = []
+        for end in ends:
+            fixed = document["points"].get(end, {}).get("fixed")
+            there.append(fixed or [u[places[f"{end}.{axis}"]] for axis in "xy"])
+        x, y = np.subtract(there[1], there[0])
+        return np.asarray(np.array([[x, y], [-y, x]]) / np.hypot(x, y))
+
+    for part in ("bodies", "bars"):
+        for name, item in (document.get(part) or {}).items():
+            ends = [item.get("from"), item.get("to")]
+            known = all(end in document["points"] for end in ends)
+            if known and (name == on or at in ends):
+                yield name, partial(along, ends)
+
+
+# -- ω × J ω ----------------------------------------------------------------------------------
+
+
+def _gyroscopic(
+    problem: Problem, file: "FileNumbers | None"
+) -> Iterator[tuple[str, Callable[[Array, Array], Array]]]:
+    """ω × J ω, with J about centres of mass, or about the point that holds a single body."""
+    outputs = problem.outputs
+    if not isinstance(outputs, SpatialOutputs) or not 0 < problem.n == 12 * len(outputs.bodies):
+        return
+    tensors, name = _tensors(problem, None), "the gyroscopic moment ω × J ω"
+    yield name, partial(_moment, tensors)
+    joints = [*((file.document.get("joints") or {}).values() if file else ())]
+    if len(outputs.bodies) == len(joints) == 1 and isinstance(joints[0].get("at"), list):
+        yield f"{name} about the joint", partial(_moment, _tensors(problem, joints[0]["at"]))
+    for k, body in enumerate(outputs.bodies if len(tensors) > 1 else ()):
+        only = np.where(np.arange(len(tensors)) == k, tensors.T, 0.0).T
+        yield f"{name} of {body}", partial(_moment, only)
+
+
+def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
+    """(bodies, 3, 3) J in axes of the bodies, about their centres or about a point at the start."""
+    bodies = problem.n // 12
+    blocks = np.asarray(problem.M)[::3, ::3].reshape(bodies, 4, bodies, 4)
+    tensors = []
+    for k, body in enumerate(problem.u0.reshape(-1, 4, 3)):
+        block = blocks[k, :, k, :]  # ∫ (1, x) (1, x)ᵀ dm
+        about = block[0, 1:] / block[0, 0] if point is None else body[1:] @ (point - body[0])
+        shift = np.vstack([-about, np.eye(3)])
+        euler = shift.T @ block @ shift
+        tensors.append(np.trace(euler) * np.eye(3) - euler)
+    return np.array(tensors)
+
+
+def _moment(tensors: Array, u: Array, v: Array) -> Array:
+    """(n,) the moments ω × J ω as forces on directors: half of moment × director on each."""
+    axes, rates = u.reshape(-1, 4, 3)[:, 1:], v.reshape(-1, 4, 3)[:, 1:]
+    pushed = np.zeros((len(tensors), 4, 3))
+    for k, omega in enumerate(angular_velocities(axes, rates)):
+        moment = np.cross(omega, (tensors[k] @ (axes[k] @ omega)) @ axes[k])
+        pushed[k, 1:] = np.cross(moment, axes[k]) / 2
+    return pushed.ravel()
