@@ -152,8 +152,8 @@ def _places(
     for name, of in turns.items():
         yield name, "N m", _AXES if spatial else "z", of
     for one, other in _bearings(document, turns, spatial):
-        yield f"{one} on {other}", "N m", _AXES if spatial else "z", \
-            partial(_apart, turns[one], turns[other])  # fmt: skip
+        apart = partial(_apart, turns[one], turns[other])
+        yield f"{one} on {other}", "N m", _AXES if spatial else "z", apart
 
 
 def _constant(directions: Array, u: Array) -> Array:

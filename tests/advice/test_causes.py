@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 import newmark_cli as newmark
 from newmark_cli.codes.evidence import SeriesErrors
-from newmark_cli.codes.pushes import _LEAVES
 from newmark_cli.codes.truth import Truth
 
 
@@ -453,7 +452,7 @@ def test_euler_is_named_where_weights_that_are_off_explain_as_much():
     triple = BENCH.MECHANISMS["triple"]
     (fault,) = judged(ends_of(triple, 0.7), triple, **BDF2).faults
     assert fault.name == "backward Euler"
-    assert fault.evidence["tried"]["averaging"]["leaves"] < _LEAVES
+    assert fault.evidence["tried"]["averaging"]["leaves"] < 0.15
 
 
 def test_another_start_is_named_from_its_row_only():
