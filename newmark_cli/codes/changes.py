@@ -575,7 +575,10 @@ class Discrepancy:
 
 
 def explained_by(fits: Sequence[FittedChange]) -> list[FittedChange]:
-    """Those that explain all, if any; one of several that are much better stands alone."""
+    """Those that explain all, if any, numbers before places; a much better one stands alone."""
     good = [fit for fit in fits if fit.worst < _EXPLAINS and fit.mean < _IN_THE_MEAN]
     near = [fit for fit in good if fit.worst < 4 * good[0].worst + 0.3]
-    return [*{fit.candidate.name: fit for fit in near[::-1]}.values()][::-1]
+    best: dict[str, FittedChange] = {}
+    for fit in sorted(near, key=lambda fit: fit.candidate.rank):
+        best.setdefault(fit.candidate.name, fit)
+    return [*best.values()]
