@@ -28,7 +28,6 @@ PARTS = (
         march("pendulum", formulation="index-2"),
         march("spatial-slider-crank", formulation="index-2"),
     ),
-    lambda: march("pendulum", formulation="index-2", precision="float32"),
     lambda: (
         march("pendulum").energy,
         march("pendulum", precision="float32"),

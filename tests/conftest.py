@@ -209,8 +209,6 @@ def swing(what="", after=0.5, steps=0):
             time.sleep(3600)
         if what == "exit":
             os._exit(3)
-        if what == "end":
-            os._exit(0)
         if what == "leave":
             raise SystemExit(0)
         if what == "raise" or what == "wait" and not os.path.exists("ready"):

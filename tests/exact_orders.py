@@ -17,6 +17,7 @@ from functools import reduce
 
 import numpy as np
 import oracles
+from mpmath import mp
 
 #: In place of h.
 PRIME = 2**61 - 1
@@ -292,6 +293,26 @@ class Jacobian:
                 band.append(pushed @ s.P - s.P if row == "K" else pushed @ s.P)
             bands.append(band)
         return np.block(bands)
+
+
+def form_jacobian(form, x, y, mass, g, h, beta=oracles.BETA, gamma=oracles.GAMMA):
+    """J of index 3 in mpmath; h may be a float.
+
+    Returns:
+        The matrix, and the block of each row and column: names.
+    """
+    beta, gamma, h = map(mp.mpf, (beta, gamma, h))
+    x, y, mass, g = (np.array(of.tolist(), object) for of in (x, y, mass, g))
+    (n, m), zero = g.shape, mp.mpf(0)
+    none = np.full((m, n), zero, object)
+    system = System(mass, x, y, g, g, none, none, beta, gamma, mp.mpf(1))
+    found = Jacobian(system, form, "index-3", h, zero, zero)
+    sizes = {"C": m, "lambda": m}
+    names = (
+        [name for name in blocks for _ in range(sizes.get(name, n))]
+        for blocks in (found.rows, found.unknowns)
+    )
+    return mp.matrix(found.matrix.tolist()), *names
 
 
 class Measured(Jacobian):

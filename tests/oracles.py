@@ -223,42 +223,6 @@ FORMS = {
 }
 
 
-def form_jacobian(form, x, y, mass, g, h, beta=BETA, gamma=GAMMA):
-    """Jacobian of a form in mpmath, blocks written out; h may be a float.
-
-    Returns:
-        The matrix, and the block of each row and column: names.
-    """
-    beta, gamma, h = map(mpf, (beta, gamma, h))
-    n, m = g.rows, g.cols
-    rows, kept, weights = FORMS[form]
-    weights = weights(beta, gamma, h)
-    row_names = [r for r in rows for _ in range(m if r == "C" else n)]
-    column_names = [k for k in kept for _ in range(n)] + ["lambda"] * m
-    jacobian = matrix(len(row_names), len(column_names))
-    start = 0
-    for row in rows:
-        for k in range(len(kept)):
-            wu, wv, wa = (w[k] for w in weights)
-            for i in range(m if row == "C" else n):
-                for j in range(n):
-                    if row == "D":
-                        value = wu * x[i, j] + wv * y[i, j] + wa * mass[i, j]
-                    elif row == "V":
-                        value = (wv - gamma * h * wa) if i == j else 0
-                    elif row == "K":
-                        value = (wu - beta * h**2 * wa) if i == j else 0
-                    else:
-                        value = wu * g[j, i]
-                    jacobian[start + i, k * n + j] = value
-        if row == "D":
-            for i in range(n):
-                for j in range(m):
-                    jacobian[start + i, len(kept) * n + j] = -g[i, j]
-        start += m if row == "C" else n
-    return jacobian, row_names, column_names
-
-
 def scale(form, variant, jacobian, row_names, column_names, h, beta=BETA, gamma=GAMMA):
     """D_L J D_R for a variant."""
     beta, gamma, h = map(mpf, (beta, gamma, h))

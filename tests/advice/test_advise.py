@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import exact_orders
 import mpmath
 import numpy as np
 import oracles
@@ -78,7 +79,7 @@ def double(example):
 def exact_blocks(found, form, h, beta=BETA, gamma=GAMMA):
     """J of a form in mpmath, and the block of each row and column."""
     matrices = (mpmath.matrix(found[name].tolist()) for name in ("X", "Y", "M", "G"))
-    return oracles.form_jacobian(form, *matrices, h, beta, gamma)
+    return exact_orders.form_jacobian(form, *matrices, h, beta, gamma)
 
 
 @pytest.mark.usefixtures("without_floors")

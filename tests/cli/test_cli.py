@@ -1,15 +1,13 @@
 """What the commands write, print and refuse, in an empty folder."""
 
 import json
-import os
 import re
 import shlex
 import shutil
-import subprocess
 
 import click
 import pytest
-from command_line import SCRIPT, CommandLine
+from command_line import CommandLine
 from conftest import QUICK, rows_in
 
 from newmark_cli import __version__
@@ -243,22 +241,3 @@ def test_refusals(refusals, command):
     cli, before = refusals
     assert REFUSED[command] in cli.refused(*shlex.split(command))
     assert snapshot(cli.folder) == before
-
-
-def test_commands_from_cold(cli):
-    """A process of its own prints and writes what a call of `main` does.
-
-    Whatever --jobs is and in whatever order sets are; progress is quiet in a pipe.
-    """
-    cli.write("s.yaml", QUICK.replace("u-lambda", "[u-lambda, v-a-lambda]"))
-    seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
-    cold = subprocess.run(
-        [SCRIPT, "run", "s.yaml", "--jobs", "1"],
-        cwd=cli.folder, capture_output=True, text=True, check=True,
-        env=os.environ | {"PYTHONHASHSEED": seed},
-    )  # fmt: skip
-    warm = cli("run", "s.yaml", "--jobs", 4, "--results", "warm")
-    assert cold.stdout == warm.stdout.replace("warm", "results")
-    assert (cold.stderr, warm.stderr) == ("", "")
-    there, here = (cli.folder / name / "quick.csv" for name in ("results", "warm"))
-    assert there.read_bytes() == here.read_bytes()

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numba
 import numpy as np
-import oracles
 import pandas as pd
 import pytest
 
@@ -398,25 +397,6 @@ def test_a_projection_is_the_nearest_in_the_metric_of_M():
     push = np.linalg.solve(gradient.T @ inverse @ gradient, gradient.T @ v0)
     assert start.v[0] == pytest.approx(v0 - inverse @ gradient @ push, abs=1e-12)
     assert np.abs(given.constraint_values(0.0, start.u[0])).max() < 1e-15
-
-
-@pytest.mark.parametrize("form", oracles.TABLE_2)
-def test_scalings_are_those_of_table_2(form):
-    """Formulas and numbers of every form, against the table written out in the tests."""
-    beta, gamma, h = 0.3025, 0.6, 1e-2
-    factors = newmark.scaling(form, beta=beta, gamma=gamma, h=h)
-    left, right = oracles.TABLE_2[form]
-    assert left.keys() <= set(factors.rows)
-    assert right.keys() <= set(factors.unknowns)
-    names = {"beta": beta, "gamma": gamma, "h": h}
-    for side, formulas, expected in (
-        (factors.left, factors.left_formulas, left),
-        (factors.right, factors.right_formulas, right),
-    ):
-        for block, value in side.items():
-            number = expected[block](beta, gamma, h) if block in expected else 1.0
-            assert value == pytest.approx(number, rel=1e-14)
-            assert eval(formulas[block].replace("^", "**"), {}, names) == pytest.approx(value)
 
 
 def test_scalings_follow_the_integrator_and_the_variant():

@@ -25,9 +25,13 @@ INERTIA = np.array([[2, 0.2, -0.1], [0.2, 3, 0.3], [-0.1, 0.3, 4]])
 AXIS, OTHER = np.array([1, 1, 0.3]), np.array([1, -1, 0])
 
 
-def hung(kind, turned):
+#: A point of the body whose height is given: a row of no joint.
+LIFTED, LIFT = [0.2, 0.1, -0.4], "motions: {lift: {point: P, z: {acceleration: 2}}}\n"
+
+
+def hung(kind, turned, more=""):
     """A body that moves on one joint of the ground, which it goes to or from."""
-    text = BODY.replace("KIND", kind)
+    text = f"{BODY}body_points: {{P: {{on: body, at: {LIFTED}}}}}\n{more}".replace("KIND", kind)
     ends = ("body", "ground") if turned else ("ground", "body")
     text = text.replace("FROM", ends[0]).replace("TO", ends[1])
     at = "at: [0.5, -0.4, 1]"
@@ -41,10 +45,12 @@ def hung(kind, turned):
 
 
 @pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("kind", [kind for kind in JOINTS if kind != "rigid"])
-def test_reactions_obey_newton_and_euler(kind, turned):
-    """Force and moment of a joint are what its body's motion and weight ask for."""
-    subject = hung(kind, turned)
+@pytest.mark.parametrize(
+    ("kind", "more"), [*((kind, "") for kind in JOINTS if kind != "rigid"), ("spherical", LIFT)]
+)
+def test_reactions_obey_newton_and_euler(kind, more, turned):
+    """Force and moment of a joint are what its body's motion, weight and drive ask for."""
+    subject = hung(kind, turned, more)
     a, multipliers = Index1(subject).accelerations(0.0, subject.u0, subject.v0)
     found = outputs(subject, 0.0, subject.u0, subject.v0, multipliers)
     (u,), (w,) = (x.reshape(-1, 4, 3) for x in (subject.u0, a))
@@ -53,9 +59,14 @@ def test_reactions_obey_newton_and_euler(kind, turned):
     faster = spatial.spin(subject.u0, a)[0]  # d × d' has no rate of its own
     centre, inertia = np.array([0.1, -0.2, 0.3]), frame @ INERTIA @ frame.T
     place, acceleration = u[0] + frame @ centre, w[0] + w[1:].T @ centre
-    force = 3 * (acceleration - GRAVITY)
+    whole, lift = 3 * (acceleration - GRAVITY), np.zeros(3)
+    if more:
+        lift[2] = multipliers[subject.constraint_names.index("motions.lift.z")]
+        assert abs(lift[2]) > 1
+    force = whole - lift
     about = subject.outputs.joints["J"].sides[1].place(subject.u0.reshape(-1, 4, 3))
-    moment = inertia @ faster + np.cross(omega, inertia @ omega) + np.cross(place - about, force)
+    moment = inertia @ faster + np.cross(omega, inertia @ omega) + np.cross(place - about, whole)
+    moment -= np.cross(u[0] + frame @ LIFTED - about, lift)
     sign = -1 if turned else 1
     np.testing.assert_allclose(found["J.force"], sign * force, rtol=0, atol=1e-12)
     if JOINTS[kind].dots:

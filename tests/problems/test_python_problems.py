@@ -40,15 +40,6 @@ def test_car_axis_converges_to_the_published_reference():
     assert errors[1][0] < 8e-5
 
 
-def test_plain_and_compiled_functions_march_alike():
-    """Called in Python or compiled, the same functions have one motion."""
-    plain, compiled = (march(examples.car_axis(of), 1e-2, 0.1) for of in (False, True))
-    for field, size in zip(range(3), (1, 1e3, 1e6), strict=True):
-        np.testing.assert_allclose(
-            plain.fields[field], compiled.fields[field], rtol=0, atol=1e-14 * size
-        )
-
-
 GOOD = """
 import numpy as np
 class Problem:

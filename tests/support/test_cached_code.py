@@ -2,17 +2,14 @@
 
 import importlib.util
 import os
-import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numba
 import pytest
 from damaging import damaged
 
-import newmark_cli
-from newmark_cli.support import cached_code
+from newmark_cli.support import cached_code, sources
 
 TRIPLE = """
 from newmark_cli.support.cached_code import cached_njit
@@ -83,37 +80,33 @@ def test_damaged_bytes_are_made_anew(tmp_path, monkeypatch):
     assert [*folder.rglob("code-0123*")] == [file]
 
 
-#: Value of a law of time at t = 0, A sin φ.
-LAW = """
-import numpy as np
-from newmark_cli.mechanisms import laws, timed
-
-ints = np.array([[laws.LAW, 7, 1, 0, 0, 0, 0]])
-print(timed.at_time(0.0, ints, np.array([[0, 0, 0, 0, 1, 0, 0.5, 1]]))[1][0, 0])
-"""
-
-
-def test_changes_of_other_files_are_noticed(tmp_path):
-    """Laws of time are compiled anew after a change of the file that has their sines."""
-    copy = tmp_path / "newmark_cli"
-    ignored = shutil.ignore_patterns("__pycache__")
-    shutil.copytree(Path(newmark_cli.__file__).parent, copy, ignore=ignored)
-    surroundings = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
-
-    def law():
-        command = [sys.executable, "-P", "-c", LAW]
-        done = subprocess.run(
-            command, env=os.environ | surroundings, capture_output=True, text=True, check=True
-        )
-        return float(done.stdout)
-
-    assert law() == pytest.approx(0.479425538604203)
-    sines = copy / "mechanisms/sines.py"
-    before = sines.read_text()
-    after = before.replace("    sine = near", "    sine = 2 + near")
-    assert after != before
-    sines.write_text(after)
-    assert law() == pytest.approx(2.479425538604203)
+def test_changes_of_other_files_are_noticed(tmp_path, monkeypatch):
+    """Code is made from all files of the core that its own imports, directly or not."""
+    for name, text in {
+        "laws": "from newmark_cli.mechanisms.timed import at\n",
+        "timed": "from newmark_cli.mechanisms import (\n    sines,\n)\n",
+        "sines": "sine = 1\n",
+        "other": "",
+    }.items():
+        (tmp_path / "mechanisms").mkdir(exist_ok=True)
+        (tmp_path / f"mechanisms/{name}.py").write_text(text)
+    monkeypatch.setattr(sources, "PACKAGE", tmp_path)
+    stamps = []
+    for changed in ("none", "other", "sines", "timed", "laws"):
+        with (tmp_path / f"mechanisms/{changed}.py").open("a") as file:
+            file.write("# changed\n")
+        for kept in (sources._read, sources.stamp):
+            kept.cache_clear()
+        stamps.append(sources.stamp(tmp_path / "mechanisms/laws.py"))
+    assert stamps[0] == stamps[1]
+    assert len({*stamps}) == 4
+    # What is kept depends on that.
+    kept_in(tmp_path, monkeypatch)
+    found = []
+    for stamp in ("one", "one", "two", "two"):
+        monkeypatch.setattr(sources, "stamp", lambda path, stamp=stamp: stamp)
+        found.append(tripled(tmp_path, 2))
+    assert found == [(6, 0), (6, 1)] * 2
 
 
 def test_two_processes_compile_it_once(tmp_path):

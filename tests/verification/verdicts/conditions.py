@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
+import exact_orders
 import oracles
 
 Array = np.ndarray
@@ -65,27 +66,14 @@ def jacobian(
     form: str, label: str, h: float, M: Array, X: Array, Y: Array, G: Array
 ) -> tuple[Array, list[slice], list[slice]]:
     """J of a form, unscaled, with the places of its rows and unknowns."""
-    beta, gamma, c = symbols(label)
-    gt, bt = gamma * h, beta * h * h
-    n, m = G.shape
-    eye, zero = np.eye(n), np.zeros((n, n))
-    kept, rows = FORMS[form]
-    weights = oracles.FORMS[form][2](beta, gamma, h)
-    four: dict[str, tuple[tuple[Array, ...], Array]] = {
-        "D": ((X, Y, c * M), -G),
-        "V": ((zero, eye, -gt * eye), np.zeros((n, m))),
-        "K": ((eye, zero, -bt * eye), np.zeros((n, m))),
-        "C": ((G.T, 0 * G.T, 0 * G.T), np.zeros((m, m))),
-    }
-    blocks: list[list[Array]] = []
-    for row in rows:
-        parts, last = four[row]
-        blocks.append([sum(w[k] * part for w, part in zip(weights, parts, strict=True))
-                       for k in range(len(kept))])  # fmt: skip
-        blocks[-1].append(last)
-    heights = [block[-1].shape[0] for block in blocks]
-    widths = [n] * len(kept) + [m]
-    return np.block(blocks), _slices(heights), _slices(widths)
+    (n, m), none = G.shape, np.zeros(G.T.shape)
+    system = exact_orders.System(M, X, Y, G, G, none, none, *symbols(label))
+    found = exact_orders.Jacobian(system, form, "index-3", h, 0.0, 0.0)
+    sizes = {"C": m, "lambda": m}
+    rows, columns = (
+        _slices([sizes.get(name, n) for name in blocks]) for blocks in (found.rows, found.unknowns)
+    )
+    return found.matrix.astype(float), rows, columns
 
 
 def _slices(sizes: Sequence[int]) -> list[slice]:
