@@ -221,7 +221,7 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
         else:  # fewer than two powers of ten
             axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high - low < 1 else (1, 3)))
             short = low >= -3 and high < 5
-            axis.set_major_formatter(FuncFormatter(_number if short else _with_power))
+            axis.set_major_formatter("{x:g}" if short else FuncFormatter(_with_power))
         axis.set_minor_formatter(NullFormatter())
     if panel.y_scale == "log" and panel.empty:
         axes.yaxis.set_major_locator(NullLocator())
@@ -234,10 +234,6 @@ def _same_ordinate(one: Panel, other: Panel) -> bool:
 def _power_of_ten(value: float, position: int | None = None) -> str:
     sign = "−" if value < 0 else ""
     return sign + power("10", f"{math.log10(abs(value)):.0f}") if value else "0"
-
-
-def _number(value: float, position: int | None = None) -> str:
-    return f"{value:g}"
 
 
 def _with_power(value: float, position: int | None = None) -> str:
