@@ -93,8 +93,8 @@ class BodyPoint(StrictModel):
 class BetweenPoints(StrictModel):
     """What joins two points."""
 
-    from_: str = Field(alias="from", description="one end")
-    to: str = Field(description="other end")
+    from_: str = Field(alias="from", description="one end, a point or one of 'body_points'")
+    to: str = Field(description="other end, likewise")
 
 
 class Bar(BetweenPoints):

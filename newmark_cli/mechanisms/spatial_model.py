@@ -234,7 +234,7 @@ class SpatialJoint(TiedModel):
         for key, count in (("axis", 1), ("axes", 2)):
             present = getattr(self, key) is not None
             if kind.axes == count and not present:
-                yield misfit(key, f"missing: a {self.type} joint has it")
+                yield misfit(key, f"missing; a {self.type} joint needs it")
             if kind.axes != count and present:
                 yield misfit(key, f"a {self.type} joint has no '{key}'")
         if isinstance(self.axes, tuple) and abs(cosine := _cosine(*self.axes)) > _SKEW:

@@ -14,8 +14,8 @@ from newmark_cli.newmark.integrator import (
 from newmark_cli.support.spelling import nearest
 
 #: Letters and words of legends, such as generalized-α (ρ∞ = 0.9), as labels have them.
-_IN_LABELS = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", " = ": "=", "(": "", ")": "",
-            ",": ""}  # fmt: skip
+_IN_LABELS = {"ρ∞": "rho", "α": "alpha", "β": "beta", "γ": "gamma", "−": "-", " = ": "=",
+            "(": "", ")": "", ",": ""}  # fmt: skip
 
 
 def plain_label(text: str) -> str:

@@ -129,7 +129,10 @@ def integrator_text(label: str) -> str:
     if ".py:" in method:
         return method
     pairs = (part.partition("=") for part in parameters)
-    texts = [f"{_PARAMETERS.get(name, name)} = {float(value):.6g}" for name, _, value in pairs]
+    texts = [
+        f"{_PARAMETERS.get(name, name)} = {float(value):.6g}".replace("-", "−")
+        for name, _, value in pairs
+    ]
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 

@@ -39,7 +39,12 @@ def problem_named(text: str, allow_code: bool = False) -> ProblemSpec:
         loading.require_mechanism(documents.read(Path(name), name))
     document = Document.of(documents.GIVEN, {"problem": text})
     around = Surroundings(allow_code=allow_code)
-    spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
+    try:
+        spec: ProblemSpec = documents.validate(document, _OneProblem, context=around).problem
+    except documents.DocumentError as error:
+        # Nobody gave a key: the rest says what is wrong, and in which file.
+        text = str(error).removeprefix(f"{documents.GIVEN}: problem: ")
+        raise documents.DocumentError(text) from error
     warn_of(spec)
     return spec
 

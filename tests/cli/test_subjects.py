@@ -115,3 +115,10 @@ def test_validate_has_the_same_as_json(folder):
     assert lines == told.stdout.splitlines()
     assert [entry["mistakes"] for entry in valid] == [[], []]
     assert told.stderr == f"newmark-study: {wrong['mistakes'][0]}\n"
+
+
+def test_a_mistake_in_a_drawn_file_is_told_of_the_file_only(cli, tmp_path):
+    (tmp_path / "hello.yaml").write_text("hello\n")
+    told = cli.run("draw", "hello.yaml")
+    assert told.returncode == 2
+    assert told.stderr.startswith("newmark-study: hello.yaml, line 1: must be a mapping of keys")

@@ -29,7 +29,10 @@ def test_names_stand_where_they_hide_nothing(subject, size):
     names = [box for text, box in found if text in axes.texts and text.get_path_effects()]
     mechanism = problem.drawing
     assert len(names) >= len(mechanism.bodies)
-    for one, other in itertools.combinations(names, 2):
+    frame = corners(axes.get_window_extent())
+    assert all((frame[0] < box[0]).all() and (box[1] < frame[1]).all() for box in names)
+    triad = [box for text, box in found if text in axes.texts and "$" in text.get_text()]
+    for one, other in itertools.combinations([*names, *triad], 2):
         assert not overlap(one, other)
     signs = [line for line in axes.lines if line.get_marker() == "o" and len(line.get_xdata()) == 1]
     for line, box in itertools.product(signs, names):

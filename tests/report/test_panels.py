@@ -238,8 +238,8 @@ def test_a_mechanism_is_drawn_where_results_are_about_it(tmp_path, problem):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.005, "0.005"), (0.0005, "5·10⁻⁴"), (5e4, "50000"), (2e5, "2·10⁵"), (1e6, "10⁶")],
+    [(0.005, "5·10⁻³"), (0.0005, "5·10⁻⁴"), (0.001, "10⁻³"), (2e5, "2·10⁵"), (1e6, "10⁶")],
 )
-def test_ticks_of_short_axes(value, text):
-    """Numbers of less than two powers of ten on an axis: large ones as powers."""
-    assert draw._number(value) == text
+def test_ticks_with_powers(value, text):
+    """Numbers with a power of ten; 1 as a digit goes without saying."""
+    assert draw._with_power(value) == text

@@ -136,7 +136,7 @@ def test_a_member_is_known_by_any_way_to_write_its_numbers(text):
 
 def test_legends_have_six_digits_by_which_a_member_is_found():
     label = f"alpha beta={25 / 81} gamma={11 / 18} alpha_m={-1 / 9} alpha_f=0.0"
-    text = "alpha (β = 0.308642, γ = 0.611111, α_m = -0.111111, α_f = 0)"
+    text = "alpha (β = 0.308642, γ = 0.611111, α_m = −0.111111, α_f = 0)"
     assert named("integrator").text(label) == text
     assert means("integrator", text, label)
 

@@ -129,9 +129,11 @@ def _draw(axes: Any, panel: Panel, cycle: Sequence[Mapping[str, Any]]) -> Iterat
     if panel.scene is not None:
         handles = panel.scene(axes)
         axes.set_aspect("equal")
-        width, height = axes.dataLim.width or 1.0, axes.dataLim.height or 1.0
         # Names need room beside what is flat, too.
-        axes.margins(max(0.1, 0.07 * height / width), max(0.1, 0.07 * width / height))
+        seen = axes.dataLim
+        room = 0.1 * max(seen.width, seen.height) or 1.0
+        axes.set_xlim(seen.x0 - room, seen.x1 + room)
+        axes.set_ylim(seen.y0 - room, seen.y1 + room)
         for handle in handles:
             yield ("", handle.get_label()), handle
         return
@@ -218,7 +220,8 @@ def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
             axis.set_major_formatter(FuncFormatter(_power_of_ten))
         else:  # fewer than two powers of ten
             axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high - low < 1 else (1, 3)))
-            axis.set_major_formatter(FuncFormatter(_number))
+            short = low >= -3 and high < 5
+            axis.set_major_formatter("{x:g}" if short else FuncFormatter(_with_power))
         axis.set_minor_formatter(NullFormatter())
     if panel.y_scale == "log" and panel.empty:
         axes.yaxis.set_major_locator(NullLocator())
@@ -233,9 +236,7 @@ def _power_of_ten(value: float, position: int | None = None) -> str:
     return sign + power("10", f"{math.log10(abs(value)):.0f}") if value else "0"
 
 
-def _number(value: float, position: int | None = None) -> str:
-    if 1e-3 <= value < 1e5:
-        return f"{value:g}"
+def _with_power(value: float, position: int | None = None) -> str:
     digits, exponent = f"{value:.0e}".split("e")
     return ("" if digits == "1" else f"{digits}·") + power("10", str(int(exponent)))
 
@@ -353,8 +354,8 @@ def _height(grid: Sequence[Any], sheet: Sheet) -> Any:
     """Height of axes that suits their width (inch)."""
     width = grid[0].get_window_extent().width / grid[0].figure.dpi
     if sheet.panels[0].scene is not None:
-        limits = grid[0].dataLim
-        return width * min(max(limits.height / (limits.width or 1.0), 0.4), 1.2)
+        limits = grid[0].viewLim
+        return width * min(max(limits.height / limits.width, 0.4), 1.2)
     return min(max(0.7 * width, 0.9), max(2.0, width / 2) if len(grid) == 1 else 1.4)
 
 

@@ -175,19 +175,29 @@ def _draw(axes: Any, mark: Mark, thin: float) -> None:
 
 
 def _triad(axes: Any, scene: Scene, unit: str) -> None:
-    """Draw the global axes, of a round length, at the lower left."""
+    """Draw the global axes, of a round length, in an empty corner, or else below the mechanism."""
     spots, size = np.array(scene.places), scene.size
     length = 10.0 ** math.floor(math.log10(0.2 * size))
     length *= max(step for step in (1, 2, 5) if step * length <= 0.2 * size)
-    origin = complex(spots.real.min(), spots.imag.min()) - complex(0.12, 0.02) * size
+    arms = np.array(scene.frames[""][1:]) / scene.factor
+    tips = np.append((length + 0.035 * size) * arms, -0.1j * size)
+    corners = [
+        complex(side(spots.real) - side(tips.real), end(spots.imag) - end(tips.imag))
+        for side in (np.min, np.max) for end in (np.min, np.max)
+    ]  # fmt: skip
+    drawn = np.concatenate([_along(mark.places, 0.02 * size) for mark in marks(scene)])
+    rooms = [np.abs(drawn - at - tips.mean()).min() for at in corners]
+    origin = corners[int(np.argmax(rooms))]
+    if max(rooms) < np.abs(tips - tips.mean()).max() + 0.06 * size:
+        origin = complex(spots.real.min(), spots.imag.min() - tips.imag.max() - 0.06 * size)
+        # Nothing to see: room for what stands at the edges.
+        axes.plot(origin.real - 0.1 * size, origin.imag - 0.14 * size, alpha=0)
     look: dict[str, Any] = {"color": "0.35", "ha": "center"}
-    for letter, axis in zip("xyz", scene.frames[""][1:] / scene.factor, strict=True):
-        axes.plot(*np.transpose([[p.real, p.imag] for p in (origin, origin + length * axis)]),
+    for letter, arm, tip in zip("xyz", arms, origin + tips, strict=False):
+        end_of = origin + length * arm
+        axes.plot([origin.real, end_of.real], [origin.imag, end_of.imag],
                   color="0.35", linewidth=0.8)  # fmt: skip
-        beyond = origin + (length + 0.035 * size) * axis
-        axes.text(beyond.real, beyond.imag, f"${letter}$", fontsize=7, va="center", **look)
-    # Nothing to see: room for what stands at the edges.
-    axes.plot(origin.real - 0.1 * size, origin.imag - 0.14 * size, alpha=0)
+        axes.text(tip.real, tip.imag, f"${letter}$", fontsize=7, va="center", **look)
     below = origin - 0.075j * size
     axes.text(below.real, below.imag, f"{length:g} {unit}", fontsize=6, va="top", **look)
 
@@ -228,7 +238,7 @@ def _write_names(axes: Any, problem: Problem, u: Array) -> None:
         names_at = np.concatenate(taken)
         hidden = np.all(np.abs(names_at - centres[:, None]) < half + 2 * unit, axis=-1).sum(1)
         outside = ((centres - half < limits[:, 0]) | (centres + half > limits[:, 1])).sum(1)
-        cost = covered + 5 * hidden + 3 * outside + _LATER * np.arange(len(centres))
+        cost = covered + 5 * hidden + 50 * outside + _LATER * np.arange(len(centres))
         best = int(np.argmin(cost))
         at = centres[best]
         taken.append(at + half * np.array([(x, y) for x in _GRID for y in (-1, 0, 1)]))

@@ -182,7 +182,7 @@ def _rounding_alone(evidence: Evidence) -> Judgement:
     rounding = np.where(evidence.values > 0, evidence.uncertainty, 0.0) * evidence.values
     where = int(np.argmax(evidence.values - rounding / _CLEAR))
     value, reach = evidence.values[where], rounding[where]
-    reason = f"{value:.2g} at h = {evidence.h[where]:g}, of which rounding changes {reach:.2g}"
+    reason = f"{value:.2g} at h = {evidence.h[where]:g}, which rounding changes by {reach:.2g}"
     if value > reach / _CLEAR:
         reason = joined(f"more than rounding: {reason}", evidence.irregular)
         verdict = UNDECIDED if evidence.irregular else MISS
@@ -255,7 +255,7 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
     last = int(np.flatnonzero(points)[-1])
     value, h = evidence.values[last], evidence.h[last]
     reason = (
-        f"does not fall with h: {value:.2g} at h = {h:g}, of which rounding changes "
+        f"does not fall with h: {value:.2g} at h = {h:g}, which rounding changes by "
         f"{evidence.uncertainty[last] * value:.2g}"
     )
     reason = joined(reason, ALTERNATES if evidence.undamped else "", evidence.irregular)
