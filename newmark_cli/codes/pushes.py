@@ -21,6 +21,8 @@ from newmark_cli.support.arrays import Array, IndexArray
 _OFF, _SCATTER = 0.2, 0.35
 #: Times at which pushes are sampled; part of a motion over which they are differences.
 _GRID, _APART = 400, 1e-6
+#: First steps, of the next larger size, that are not looked at.
+_FIRST = 3.5
 #: What an explanation may leave of u and v; others must leave more than so many times as much.
 _LEAVES, _WORSE = 0.15, 3.0
 #: Times more that one of two changes that are alike may leave.
@@ -166,27 +168,32 @@ def _pushes(evidence: SeriesErrors, grid: Array) -> dict[str, Array]:
     return {name: push for name, push in pushes.items() if np.abs(push).max() > 1e-9 * size}
 
 
-def _leading(evidence: SeriesErrors, rows: IndexArray) -> dict[str, Array]:
-    """Part → errors over h at some rows of the smallest step size, as h goes to 0.
+def _leading(evidence: SeriesErrors) -> tuple[IndexArray, dict[str, Array]]:
+    """Rows of the smallest step size, and part → errors over h there as h goes to 0.
 
-    Where the next larger step size has the row, too, terms of order 2 are taken out.
+    They are those that the next larger step size has, too, and terms of order 2 are taken out;
+    where it has none of them, all.  First steps have errors of their own.
     """
     coarse, fine = evidence.runs[-2:]
+    rows = evidence.looked_at(fine)
+    settled = fine.t[rows] > evidence.t0 + _FIRST * coarse.size
+    rows = rows[settled] if settled.any() else rows
     places = np.abs(coarse.t[:, None] - fine.t[rows]).argmin(axis=0)
     alike = np.abs(coarse.t[places] - fine.t[rows]) < 1e-6 * fine.size
-    share = np.where(alike, fine.size / (coarse.size - fine.size), 0.0)[:, None]
+    share = fine.size / (coarse.size - fine.size) if alike.any() else 0.0
+    if share:
+        rows, places = rows[alike], places[alike]
     leading = {}
     for part in (part for part in ("u", "v") if evidence.has[part]):
         now = evidence.error(part, -1)[rows] / fine.size
         leading[part] = now + share * (now - evidence.error(part, -2)[places] / coarse.size)
-    return leading
+    return rows, leading
 
 
 def _tried(evidence: SeriesErrors) -> list[_Tried]:
     """Each change with the part of u and v that it leaves."""
     problem, none, h = evidence.problem, np.zeros(evidence.problem.m), float(evidence.h[-1])
-    rows = evidence.looked_at(evidence.runs[-1])
-    off = _leading(evidence, rows)
+    rows, off = _leading(evidence)
     weight = {part: 1 / (float(np.abs(of).max()) or 1.0) for part, of in off.items()}
     met = WeightedRows(evidence, rows, weight)
     wanted, right, small = met.stacked(off), met.values(evidence.truth), 1e-3 * h
