@@ -194,7 +194,9 @@ def _tried(evidence: SeriesErrors) -> list[_Tried]:
     """Each change with the part of u and v that it leaves."""
     problem, none, h = evidence.problem, np.zeros(evidence.problem.m), float(evidence.h[-1])
     rows, off = _leading(evidence)
-    weight = {part: 1 / (float(np.abs(of).max()) or 1.0) for part, of in off.items()}
+    every = evidence.looked_at(evidence.runs[-1])
+    most = {part: float(np.abs(evidence.error(part, -1)[every]).max()) for part in off}
+    weight = {part: h / (size or h) for part, size in most.items()}
     met = WeightedRows(evidence, rows, weight)
     wanted, right, small = met.stacked(off), met.values(evidence.truth), 1e-3 * h
 
