@@ -217,7 +217,9 @@ def _tried(evidence: SeriesErrors) -> list[_Tried]:
     if "averaging" in effects:
         a = evidence.reference[-1]["a"][rows]
         shift = {part: 0.5 * evidence.of(part, a) * (part == "v") for part in off}
+        # ü = f(u, u̇ − h a/2) + h ȧ, and v = u̇ − h a/2.
         backward = effects["averaging"] - 0.5 * effects["a(0)"] - met.stacked(shift)
+        backward += 0.5 * effects.get("old force/velocities", 0.0)
         effects |= {"backward Euler": backward, "forward Euler": -backward}
     tried: list[_Tried] = []
     for name, slope in effects.items():

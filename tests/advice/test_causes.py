@@ -533,6 +533,7 @@ def test_order_1_is_a_fault_only_of_a_method_that_is_named():
     (note,) = unnamed.findings
     assert not note.fault
     assert note.name == "backward Euler"
+    assert note.evidence["left"] < 1e-3
     assert note.evidence["orders"]["u"] == pytest.approx(1, abs=0.1)
     assert "No order was expected, as no integrator was named." in unnamed.conclusion
     named = judged(table, CART, integrator="bdf1")
