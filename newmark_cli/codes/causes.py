@@ -341,15 +341,16 @@ def _late(evidence: SeriesErrors) -> Iterator[Finding]:
 def _left_at(evidence: SeriesErrors, parts: Sequence[str], c: float, k: int) -> float:
     """Part of the error of a run that is left against the solution at t + c h."""
     run = evidence.runs[k]
-    rows = np.flatnonzero((run.t > evidence.t0 + 0.5 * run.size)
-                          & (run.t + c * run.size >= evidence.t0 - 1e-12))  # fmt: skip
+    there = run.t + c * run.size
+    known = (there >= evidence.t0 - 1e-12) & (there <= evidence.problem.until)
+    rows = np.flatnonzero(known & (run.t > evidence.t0 + 0.5 * run.size))
     if parts == ("lambda",):
         rows = rows[evidence.settled(run)[rows]]
     if not len(rows):
         return math.inf
-    there, left = evidence.truth.at(run.t[rows] + c * run.size), 0.0
+    right, left = evidence.truth.at(there[rows]), 0.0
     for part in parts:
-        off = evidence.of(part, run.state[part][rows] - there[part])
+        off = evidence.of(part, run.state[part][rows] - right[part])
         now = evidence.error(part, k)[rows]
         left = max(left, float(np.abs(off).max()) / max(float(np.abs(now).max()), 1e-300))
     return left

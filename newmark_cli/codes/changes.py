@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
-from newmark_cli.codes.further_forces import difference, further_forces
+from newmark_cli.codes.further_forces import LOADS, difference, further_forces
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
 from newmark_cli.mechanisms import loading, tables_beside
 from newmark_cli.problems.problem import Problem
@@ -36,11 +36,9 @@ _MISFIT = 1e-9
 _WHOLE = ("gravity",)
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
-#: Parts and keys of loads that may be a law of time or components of one, and what of these has
-#: their size.
-_LOADS = (("forces", "force"), ("torques", "torque"))
+#: What has the size of a load that is a law of time, or components of one.
 _SIZES = ("value", "rate", "acceleration", "amplitude", "powers", "sines", "table", "values")
-_MOMENTS = ("xx", "yy", "zz")
+_MOMENTS, _PRODUCTS = ("xx", "yy", "zz"), ("xy", "xz", "yz")
 #: Numbers that files have positive only, and the share of one that is left out.
 _POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
 #: Shares by which a number is scanned where the error is large: left out and turned come first.
@@ -85,7 +83,7 @@ class FileNumbers:
 
     def loads(self) -> Iterator[Path]:
         """Paths of forces and torques of several numbers."""
-        for part, key in _LOADS:
+        for part, key in LOADS:
             for name, load in (self.document.get(part) or {}).items():
                 if len([*_sizes(load.get(key))]) > 1:
                     yield part, name, key
@@ -155,7 +153,7 @@ def _numbers(value: Any, path: Path) -> Iterator[Path]:
     for key, item in items:
         if key in _GEOMETRY:
             continue
-        if key in _WHOLE or (key == "inertia" and isinstance(item, list | tuple)):
+        if key in _WHOLE or (key == "inertia" and isinstance(item, list | tuple | Mapping)):
             yield (*path, key)
         if key in _WHOLE and sum(map(bool, item)) < 2:
             continue
@@ -283,8 +281,11 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             yield number([path], _plus, said=partial("{} {:+.5g} m".format, name), starts=())
             continue
         alike.setdefault(key, []).append(path)
-        inert = ("mass" in path or "inertia" in path) and key not in ("xy", "xz", "yz")
+        inert = ("mass" in path or "inertia" in path) and key not in _PRODUCTS
         yield number([path], starts=(-1.0,) if inert else (-1.0, -2.0))
+        if isinstance(value, Mapping):
+            products = [(*path, of) for of in _PRODUCTS if of in value]
+            yield number(products, name=f"every product of {name}")
         if key == "inertia" and isinstance(value, list | tuple):
             for i, j in itertools.combinations(range(3), 2):
                 said = partial(_exchanged, name, "xyz"[i], "xyz"[j])
@@ -326,7 +327,9 @@ def _plus(value: Any, c: float) -> Any:
 
 
 def _times(value: Any, c: float) -> Any:
-    """A number, or each of a list, times 1 + c."""
+    """A number, or each of several, times 1 + c."""
+    if isinstance(value, Mapping):
+        return {key: item * (1 + c) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [item * (1 + c) for item in value]
     return value * (1 + c)

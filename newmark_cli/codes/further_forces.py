@@ -3,18 +3,21 @@
 Each is a function of t, u and v, of which a multiple is fitted.
 """
 
+import contextlib
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from newmark_cli.codes.truth import Force
+from newmark_cli.mechanisms.models import Table
 from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
+from newmark_cli.support.errors import InputError
 
 if TYPE_CHECKING:
     from newmark_cli.codes.changes import FileNumbers
@@ -23,7 +26,13 @@ if TYPE_CHECKING:
 _SLIPS = 2e-3
 #: How near to 1 the multiple is of what is taken in other axes.
 _WHOLE = 1e-2
+#: A mass that has hardly any weight, over what it is.
+_LIGHT = 1e-9
 _AXES = "xyz"
+#: Parts of a file whose loads may have several numbers.
+LOADS = (("forces", "force"), ("torques", "torque"))
+#: How tables may be interpolated.
+INTERPOLATION = Table.model_fields["interpolation"]
 
 #: Coordinates u (n,) → directions (n, k) of generalized forces that act on one thing.
 _Directions = Callable[[Array], Array]
@@ -76,6 +85,8 @@ def further_forces(
         if file.push is not None:
             yield FurtherForce("the forces in Python", file.push, starts=(-1.0, -2.0))
         yield from _in_other_axes(problem, file)
+        yield from _weights(file)
+        yield from _interpolated(file)
     for name, unit, axes, of in _places(problem, file.document if file else {}):
         yield from _pushes(name, unit, axes, of, force, speed)
 
@@ -228,6 +239,63 @@ def _bearings(
 # -- axes of loads ----------------------------------------------------------------------------
 
 
+def _weights(file: "FileNumbers") -> Iterator[FurtherForce]:
+    """The weight of each mass, which goes on to have inertia."""
+    mechanism = file.make(file.document)
+    for path in file.numbers() if file.document.get("gravity") else ():
+        if path[-1] == "mass":
+            lighter = file.changed([path], lambda mass: _LIGHT * mass)
+            weightless = difference(lighter, mechanism)
+            yield _exactly(f"the weight of {'.'.join(path[:-1])} left out", weightless)
+
+
+def _interpolated(file: "FileNumbers") -> Iterator[FurtherForce]:
+    """Tables of loads that are interpolated otherwise, and linearly."""
+    mechanism = file.make(file.document)
+
+    def with_number(path: tuple[Any, ...], value: float) -> Problem:
+        return file.changed([path], partial(_instead, value))
+
+    def linear(table: Mapping[str, Any], rest: Force, unit: Force) -> Force:
+        return lambda t, u, v: (
+            np.interp(t, table["times"], table["values"]) * unit(t, u, v) - rest(t, u, v)
+        )
+
+    for path, law in _tabulated(file.document):
+        name, table = ".".join(map(str, path)), law["table"]
+        none = with_number(path, 0.0)
+        others = {"linear": linear(table, difference(mechanism, none),
+                                   difference(with_number(path, 1.0), none))}  # fmt: skip
+        given = table.get("interpolation", INTERPOLATION.default)
+        for kind in sorted({*get_args(INTERPOLATION.annotation)} - {given}):
+            with contextlib.suppress(InputError):  # too few values, or ends of a spline
+                there = (*path, "table", "interpolation")
+                other = file.changed([there], partial(_instead, kind))
+                others[kind] = difference(other, mechanism)
+        for kind, of in others.items():
+            yield _exactly(f"{name}: interpolation {kind} in place of {given}", of)
+
+
+def _instead(value: Any, given: Any) -> Any:
+    return value
+
+
+def _tabulated(document: Mapping[str, Any]) -> Iterator[tuple[tuple[Any, ...], Mapping[str, Any]]]:
+    """Paths of laws of loads that are a table and nothing besides."""
+    for part, key in LOADS:
+        for name, load in (document.get(part) or {}).items():
+            given = load.get(key)
+            items = enumerate(given) if isinstance(given, list | tuple) else ((None, given),)
+            for k, law in items:
+                if isinstance(law, Mapping) and law.keys() == {"table"}:
+                    yield (part, name, key) if k is None else (part, name, key, k), law
+
+
+def _exactly(text: str, of: Force) -> FurtherForce:
+    """A change that a code has or has not."""
+    return FurtherForce(text, of, lambda c: text, (1.0,), lambda c: abs(c - 1) < _WHOLE, last=True)
+
+
 def _in_other_axes(problem: Problem, file: "FileNumbers") -> Iterator[FurtherForce]:
     """Loads whose components are taken along a body in place of global axes, or the other way."""
     document = file.document
@@ -239,7 +307,7 @@ def _in_other_axes(problem: Problem, file: "FileNumbers") -> Iterator[FurtherFor
 
     def frame(name: str, of: Force, axes: str) -> FurtherForce:
         text = f"{name} in axes of {axes}" if axes != "global" else f"{name} in global axes"
-        return FurtherForce(text, of, lambda c: text, (1.0,), lambda c: abs(c - 1) < _WHOLE)
+        return replace(_exactly(text, of), last=False)
 
     spatial = isinstance(problem.outputs, SpatialOutputs)
     for name, load in (document.get("forces") or {}).items():

@@ -16,8 +16,8 @@ import numpy as np
 
 from newmark_cli.codes.changes import FileNumbers, Path, joined, share
 from newmark_cli.codes.evidence import Finding, SeriesErrors
+from newmark_cli.codes.further_forces import INTERPOLATION
 from newmark_cli.mechanisms import loading
-from newmark_cli.mechanisms.models import Table
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
@@ -39,8 +39,6 @@ _LARGER = 8.0
 _CORRECTIONS, _MOST, _SMALL, _MET = 12, 0.6, 0.05, 1e-9
 #: Step of differences, and a slope of a number that no constraint has.
 _STEP, _NO_SLOPE = 1e-6, 1e-9
-#: How tables may be interpolated.
-_INTERPOLATION = Table.model_fields["interpolation"]
 #: Numbers that a sentence names.
 _NAMED = 4
 
@@ -182,7 +180,7 @@ class _Misfits:
 def _numbers(file: FileNumbers) -> Iterator[_Number]:
     """Numbers of a file that constraints may have, and the angles of its directions."""
     for path, given in _tables(file.document, ()):
-        for other in sorted({*get_args(_INTERPOLATION.annotation)} - {given}):
+        for other in sorted({*get_args(INTERPOLATION.annotation)} - {given}):
             told = f"{joined(path)} {other} in place of {given}"
             made = partial(_with, file, path, partial(_whatever, other))
             yield _Number(joined(path), made, partial(_whatever, told), [(0.0,)])
@@ -251,7 +249,7 @@ def _tables(value: Any, path: Path) -> Iterator[tuple[Path, str]]:
     """Paths of the interpolations of tables of motions, and what they are."""
     if isinstance(value, Mapping):
         if "times" in value:
-            yield (*path, "interpolation"), value.get("interpolation", _INTERPOLATION.default)
+            yield (*path, "interpolation"), value.get("interpolation", INTERPOLATION.default)
         for key, item in value.items():
             if key not in _NO_GEOMETRY:
                 yield from _tables(item, (*path, key))

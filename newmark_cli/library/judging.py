@@ -307,10 +307,10 @@ def judge(
 
 
 def _truth(runs: Runs, problem: Problem) -> Truth:
-    """The solution, until a step after the last row."""
+    """The solution, until a step after the last row, or as long as tables say anything."""
     last = max(float(run.t[-1]) for run in runs.runs)
     step = max(run.size for run in runs.runs) if runs.abscissa == STEP_SIZE else 0.0
-    return Truth(problem, last + min(step, last - problem.t0))
+    return Truth(problem, max(last, min(last + min(step, last - problem.t0), problem.until)))
 
 
 def _by_series(runs: Runs, options: Mapping[str, Any]) -> Iterator[tuple[list[Run], Told]]:

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from judged_tables import BDF2, BENCH, CART, THROWN, cart, judged, swings, with_number
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import newmark_cli as newmark
@@ -250,8 +251,8 @@ def push_along_the_rod(t, u, v):
     [
         (lambda t, u, v: np.array([-1.5 * np.tanh(v[0] / 1e-3), 0, 0, 0]),
          "dry friction of C, 1.5 N: this alone"),
-        (lambda t, u, v: np.array([0, 0, 0, 0.6 * 9.81]),
-         "a further force on P along y, 5.886 N: this alone"),
+        (lambda t, u, v: np.array([0, 0, 0, 5.0]), "a further force on P along y, 5 N: this alone"),
+        (lambda t, u, v: np.array([0, 0, 0, 0.6 * 9.81]), "the weight of points.P left out"),
         (push_along_the_rod, "forces.push in axes of rod: this alone"),
     ],
 )  # fmt: skip
@@ -296,6 +297,27 @@ def twice_from_its_origin():
 def test_vectors_and_tensors_in_space_are_told_as_wholes(other, said):
     (fault,) = judged(of_motion(other), SPUN).faults
     assert said in fault.text
+
+
+def test_products_of_inertia_are_told_together():
+    of_other_sign, mine = (
+        of_rod(inertia={"xx": 0.03, "yy": 0.04, "zz": 0.05, "xy": 0.002 * sign, "xz": 0.003 * sign})
+        for sign in (-1, 1)
+    )
+    (fault,) = judged(of_motion(of_other_sign), mine).faults
+    assert "every product of bodies.rod.inertia with its sign turned" in fault.text
+
+
+def test_another_interpolation_of_a_load_is_told():
+    table = {"times": [0, 0.1, 0.25, 0.4], "values": [0, 6, -2, 5]}
+    loaded = {**CART, "forces": {"push": {"at": "P", "force": [{"table": table}, 1]}}}
+
+    def push(t, u, v):
+        cubic = CubicSpline(table["times"], table["values"])(t)
+        return np.array([0, 0, np.interp(t, table["times"], table["values"]) - cubic, 0])
+
+    (fault,) = judged(of_motion(loaded, push), loaded).faults
+    assert "forces.push.force.0: interpolation linear in place of cubic: this" in fault.text
 
 
 def test_viscous_friction_of_a_body_is_told():
