@@ -64,9 +64,8 @@ def test_elements_compute_in_single_precision(everything, seed, t):
     state = u, random.normal(size=everything.n), random.normal(size=everything.m)
     compiled = evaluated(elements.evaluate, everything, np.float32, t, *state)
     with mechanisms.interpreted() as patch:
-        patch.setattr(
-            elements, "np", SimpleNamespace(sin=sine, cos=cosine, sqrt=np.sqrt, int64=np.int64)
-        )
+        given = {name: getattr(np, name) for name in ("sqrt", "int64", "uint32")}
+        patch.setattr(elements, "np", SimpleNamespace(sin=sine, cos=cosine, **given))
         interpreted = evaluated(elements.evaluate, everything, np.float32, t, *state)
     double = evaluated(elements.evaluate, everything, np.float64, t, *state)
     for found, expected, exact in zip(compiled, interpreted, double, strict=True):
