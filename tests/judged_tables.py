@@ -97,3 +97,15 @@ def cart(document=CART, parts="tuvl", rows=FEW, integrator="bdf2", t_end=0.2):
         kept = [name for name in frame if name[0] in parts and name[:2] != "to"]
         found.append(frame[kept].iloc[[k for k in rows if k < len(frame)]].assign(h=h))
     return pd.concat(found, ignore_index=True)
+
+
+def of_motion(mechanism, force=None):
+    """What a code without errors computes of a mechanism, with a further force."""
+    problem, times = newmark.problem(mechanism), np.linspace(0, 0.4, 9)
+    there = Truth(problem, 0.4, force=force).at(times)
+    parts = {"u": problem.coordinate_names, "v": problem.coordinate_names,
+             "lambda": problem.constraint_names}  # fmt: skip
+    columns = {f"{part}[{name}]": there[part][:, k]
+               for part, names in parts.items() for k, name in enumerate(names)}  # fmt: skip
+    table = pd.DataFrame({"t": times, **columns})
+    return pd.concat([table.assign(h=h) for h in (0.01, 0.005, 0.0025)])

@@ -7,9 +7,17 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from judged_tables import BDF2, BENCH, CART, THROWN, cart, judged, swings, with_number
-from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline
+from judged_tables import (
+    BDF2,
+    BENCH,
+    CART,
+    THROWN,
+    cart,
+    judged,
+    of_motion,
+    swings,
+    with_number,
+)
 from scipy.spatial.transform import Rotation
 
 import newmark_cli as newmark
@@ -224,143 +232,6 @@ def test_numbers_beside_forces_in_python_are_named(tmp_path):
     assert fault.evidence["changes"] == {"springs.coil.stiffness": pytest.approx(0.1, rel=1e-3)}
     (fault,) = judged(of_motion(ours, lambda t, u, v: 0.4 * v), ours).faults
     assert "the forces in Python left out" in fault.text
-
-
-def of_motion(mechanism, force=None):
-    """What a code without errors computes of a mechanism, with a further force."""
-    problem, times = newmark.problem(mechanism), np.linspace(0, 0.4, 9)
-    there = Truth(problem, 0.4, force=force).at(times)
-    parts = {"u": problem.coordinate_names, "v": problem.coordinate_names,
-             "lambda": problem.constraint_names}  # fmt: skip
-    columns = {f"{part}[{name}]": there[part][:, k]
-               for part, names in parts.items() for k, name in enumerate(names)}  # fmt: skip
-    table = pd.DataFrame({"t": times, **columns})
-    return pd.concat([table.assign(h=h) for h in (0.01, 0.005, 0.0025)])
-
-
-PUSHED = {**CART, "forces": {"push": {"at": "P", "force": [2, 1]}}}
-
-
-def push_along_the_rod(t, u, v):
-    x, y = (u[2:] - u[:2]) / 0.5
-    return np.array([0, 0, 2 * x - y - 2, 2 * y + x - 1])
-
-
-@pytest.mark.parametrize(
-    ("force", "said"),
-    [
-        (lambda t, u, v: np.array([-1.5 * np.tanh(v[0] / 1e-3), 0, 0, 0]),
-         "dry friction of C, 1.5 N: this alone"),
-        (lambda t, u, v: np.array([0, 0, 0, 5.0]), "a further force on P along y, 5 N: this alone"),
-        (lambda t, u, v: np.array([0, 0, 0, 0.6 * 9.81]), "the weight of points.P left out"),
-        (push_along_the_rod, "forces.push in axes of rod: this alone"),
-    ],
-)  # fmt: skip
-def test_a_further_force_and_other_axes_of_one_are_told(force, said):
-    mechanism = PUSHED if "push" in said else CART
-    (fault,) = judged(of_motion(mechanism, force), mechanism).faults
-    assert said in fault.text
-
-
-SPUN = {
-    "dimensions": 3,
-    "bodies": {"rod": {"position": [0, 0, 0], "mass": 2, "inertia": [0.01, 0.03, 0.035],
-                       "centre": [0.2, 0, 0.02], "angular_velocity": [1.0, 2.0, 0.5]}},
-    "joints": {"ball": {"type": "spherical", "from": "ground", "to": "rod", "at": [0, 0, 0]}},
-    "torques": {"jet": {"on": "rod", "torque": [0.2, 0.5, 0.1], "frame": "body"}},
-    "gravity": [0, 0, -9.81],
-    "project_velocities": True,
-}  # fmt: skip
-
-
-def of_rod(**keys):
-    return {**SPUN, "bodies": {"rod": SPUN["bodies"]["rod"] | keys}}
-
-
-def twice_from_its_origin():
-    term = 2 * (0.2**2 + 0.02**2)
-    J = {"xx": 0.01 + 2 * 0.02**2, "yy": 0.03 + term, "zz": 0.035 + 2 * 0.2**2,
-         "xz": -2 * 0.2 * 0.02}  # fmt: skip
-    return of_rod(inertia=J)
-
-
-@pytest.mark.parametrize(
-    ("other", "said"),
-    [
-        ({**SPUN, "gravity": [0, -9.81, 0]}, "gravity turned by -90° about x, to [0, -9.81, 0]"),
-        ({**SPUN, "torques": {"jet": SPUN["torques"]["jet"] | {"frame": "global"}}},
-         "torques.jet in global axes"),
-        (twice_from_its_origin(),
-         "bodies.rod.inertia with 1 times its parallel-axis term besides"),
-    ],
-)  # fmt: skip
-def test_vectors_and_tensors_in_space_are_told_as_wholes(other, said):
-    (fault,) = judged(of_motion(other), SPUN).faults
-    assert said in fault.text
-
-
-def test_products_of_inertia_are_told_together():
-    of_other_sign, mine = (
-        of_rod(inertia={"xx": 0.03, "yy": 0.04, "zz": 0.05, "xy": 0.002 * sign, "xz": 0.003 * sign})
-        for sign in (-1, 1)
-    )
-    (fault,) = judged(of_motion(of_other_sign), mine).faults
-    assert "every product of bodies.rod.inertia with its sign turned" in fault.text
-
-
-def test_another_interpolation_of_a_load_is_told():
-    table = {"times": [0, 0.1, 0.25, 0.4], "values": [0, 6, -2, 5]}
-    loaded = {**CART, "forces": {"push": {"at": "P", "force": [{"table": table}, 1]}}}
-
-    def push(t, u, v):
-        cubic = CubicSpline(table["times"], table["values"])(t)
-        return np.array([0, 0, np.interp(t, table["times"], table["values"]) - cubic, 0])
-
-    (fault,) = judged(of_motion(loaded, push), loaded).faults
-    assert "forces.push.force.0: interpolation linear in place of cubic: this" in fault.text
-
-
-def test_viscous_friction_of_a_body_is_told():
-    def push(t, u, v):
-        axes, rates = u.reshape(4, 3)[1:], v.reshape(4, 3)[1:]
-        moment = -0.05 * np.cross(axes, rates).sum(axis=0) / 2
-        return np.concatenate([np.zeros(3), (np.cross(moment, axes) / 2).ravel()])
-
-    (fault,) = judged(of_motion(SPUN, push), SPUN).faults
-    assert "viscous friction of rod, 0.05 N m s/rad" in fault.text
-
-
-def top_without_gyroscopic_moment(J, mass, centre, omega, t):
-    """Directors and their rates, (k, 9) each: J ω' = r × m g about the joint, by Runge–Kutta."""
-
-    def rate(_, y):
-        axes, turn = y[:9].reshape(3, 3), y[9:]
-        moment = np.cross(centre @ axes, [0, 0, -9.81 * mass])
-        return np.concatenate(
-            [np.cross(turn, axes).ravel(), np.linalg.solve(J, axes @ moment) @ axes]
-        )
-
-    start = np.concatenate([np.eye(3).ravel(), omega])
-    solved = solve_ivp(rate, (0, t[-1]), start, "DOP853", rtol=1e-12, atol=1e-12, t_eval=t)
-    return solved.y[:9].T, np.array(
-        [np.cross(y[9:], y[:9].reshape(3, 3)).ravel() for y in solved.y.T]
-    )
-
-
-def test_a_gyroscopic_moment_left_out_is_named():
-    """Of a top in Euler's equations about its joint."""
-    body = BENCH.MECHANISMS["gyro"]["bodies"]["rotor"]
-    mass, centre = body["mass"], np.array(body["centre"])
-    J = np.diag(body["inertia"]) + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    t = np.array([0, 0.1, 0.2, 0.3])
-    axes, rates = top_without_gyroscopic_moment(J, mass, centre, body["angular_velocity"], t)
-    rows = [[h, t[k], *axes[k], *rates[k]] for h in (0.01, 0.005, 0.0025) for k in range(4)]
-    names = [f"rotor.d{i}.{x}" for i in (1, 2, 3) for x in "xyz"]
-    table = pd.DataFrame(rows, columns=["h", "t", *(f"{p}[{x}]" for p in "uv" for x in names)])
-    for name in (f"{part}[rotor.origin.{x}]" for part in "uv" for x in "xyz"):
-        table[name] = 0.0
-    (fault,) = judged(table, BENCH.MECHANISMS["gyro"]).faults
-    assert "the gyroscopic moment ω × J ω about the joint left out: this alone" in fault.text
 
 
 def test_single_precision_is_told_by_nine_digits():
@@ -610,50 +481,6 @@ def test_a_step_without_centrifugal_terms_is_told():
     (case,) = [one for one in BENCH.faulty()
                if (one.mechanism, one.name) == ("crane", "no centrifugal terms")]  # fmt: skip
     assert BENCH.verdict(case)[0] == "right"
-
-
-def projected(document, h, t_end, lacks):
-    """Rows of Heun's rule for M a = f + G λ, Gᵀa = −κ, projected after each step."""
-    problem = newmark.problem(document)
-    inverse = np.linalg.inv(problem.M)
-
-    def accelerations(t, u, v):
-        G = problem.gradient(t, u)
-        curvature = (1 - lacks) * problem.constraint_derivatives(t, u, v)[1]
-        free = inverse @ problem.free_values(t, u, v).force
-        return free - inverse @ G @ np.linalg.solve(G.T @ inverse @ G, G.T @ free + curvature)
-
-    u, v, rows = problem.u0.copy(), problem.v0.copy(), []
-    for k in range(1, round(t_end / h) + 1):
-        t = k * h
-        a = accelerations(t - h, u, v)
-        further = accelerations(t, u + h * v, v + h * a)
-        u, v = u + h * v + h * h / 2 * a, v + h / 2 * (a + further)
-        for _ in range(4):
-            G, phi = problem.gradient(t, u), problem.constraint_values(t, u)
-            u = u - inverse @ G @ np.linalg.solve(G.T @ inverse @ G, phi)
-        G = problem.gradient(t, u)
-        v = v - inverse @ G @ np.linalg.solve(G.T @ inverse @ G, G.T @ v)
-        rows.append({"h": h, "t": t}
-                    | {f"u[{name}]": x for name, x in zip(problem.coordinate_names, u, strict=True)}
-                    | {f"v[{name}]": x for name, x in zip(problem.coordinate_names, v, strict=True)}
-                    )  # fmt: skip
-    every = round(0.04 / h)
-    return rows[every - 1 :: every]
-
-
-def test_errors_of_order_1_without_centrifugal_terms_are_no_weights_that_are_off():
-    """Without them a projection makes the motion right, but with order 1."""
-    undamped, sizes = {**CART, "dampers": {}}, (0.01, 0.005, 0.0025, 0.00125)
-    tables = [
-        pd.DataFrame([row for h in sizes for row in projected(undamped, h, 0.4, lacks)])
-        for lacks in (0, 1)
-    ]
-    right, wrong = (judged(table, undamped) for table in tables)
-    assert [one.name for one in right.findings] == []
-    (note,) = wrong.findings
-    assert (note.name, note.fault) == ("κ", False)
-    assert note.evidence["left"] < 0.1
 
 
 def test_an_interpolation_of_a_table_is_named():
