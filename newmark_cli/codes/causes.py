@@ -12,13 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newmark_cli.codes import geometry, levels
-from newmark_cli.codes.changes import (
-    TERMS,
-    Discrepancy,
-    FileNumbers,
-    FittedChange,
-    explained_by,
-)
+from newmark_cli.codes.changes import TERMS, Discrepancy, FittedChange, explained_by
 from newmark_cli.codes.evidence import (
     PARTS,
     SYMBOLS,
@@ -29,6 +23,7 @@ from newmark_cli.codes.evidence import (
     order_of,
     printed,
 )
+from newmark_cli.codes.file_numbers import FileNumbers
 from newmark_cli.codes.pushes import first_order
 from newmark_cli.codes.truth import NoMotion, Truth
 from newmark_cli.support.arrays import Array

@@ -4,7 +4,6 @@ The number is fitted to the rows of the smallest step size and named only if it 
 v and λ at all of them, within what truncation leaves.
 """
 
-import copy
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,29 +14,16 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
-from newmark_cli.codes.further_forces import LOADS, difference, further_forces
+from newmark_cli.codes.file_numbers import SIZES, FileNumbers, Path, difference, joined
+from newmark_cli.codes.further_forces import further_forces
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
-from newmark_cli.mechanisms import loading, tables_beside
-from newmark_cli.problems.problem import Problem
-from newmark_cli.support import documents
 from newmark_cli.support.arrays import Array
-from newmark_cli.support.documents import Document
 from newmark_cli.support.errors import InputError
 
-#: Keys of a mechanism file under which numbers are geometry: Φ tells of them.
-_GEOMETRY = {"at", "velocity", "fixed", "length", "through", "direction", "position", "axes",
-             "axis", "dimensions", "angular_velocity", "rates", "sliders", "joints", "body_points",
-             "bars", "motions", "title"}  # fmt: skip
-#: Of these, places of what springs and loads act on, which constraints may not tell of.
-_PLACES = (("points", "fixed"), ("body_points", "at"))
 #: Misfit of Φ by which a place is one of a constraint.
 _MISFIT = 1e-9
-#: Vectors that change as a whole, and by component where there are several.
-_WHOLE = ("gravity",)
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
-#: What has the size of a load that is a law of time, or components of one.
-_SIZES = ("value", "rate", "acceleration", "amplitude", "powers", "sines", "table", "values")
 _MOMENTS, _PRODUCTS = ("xx", "yy", "zz"), ("xy", "xz", "yz")
 #: Numbers that files have positive only, and the share of one that is left out.
 _POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
@@ -54,114 +40,6 @@ _PLACE, _LAST, _KEPT = 1, 2, 6
 _EARLY, _CLEAR = 0.4, 30.0
 #: What an explanation may leave, over what truncation does; relative to all, in the mean.
 _EXPLAINS, _IN_THE_MEAN = 3.0, 0.2
-
-Path = tuple[Any, ...]
-
-
-@dataclass(frozen=True)
-class FileNumbers:
-    """A mechanism as its file has it, and how a problem is made of such a document."""
-
-    document: Mapping[str, Any]
-    make: Callable[[Mapping[str, Any]], Problem]
-    #: Forces in Python, which stay as they are; None where there are none.
-    push: Force | None = None
-
-    def numbers(self) -> Iterator[Path]:
-        """Paths of the numbers that are no geometry."""
-        yield from _numbers(self.document, ())
-
-    def places(self) -> Iterator[Path]:
-        """Paths of the places of points."""
-        for part, key in _PLACES:
-            for name, point in (self.document.get(part) or {}).items():
-                yield from ((part, name, key, i) for i in range(len(point.get(key) or ())))
-
-    def motions(self) -> Iterator[Path]:
-        """Paths of the numbers of driven coordinates."""
-        yield from _numbers(self.document.get("motions") or {}, ("motions",))
-
-    def loads(self) -> Iterator[Path]:
-        """Paths of forces and torques of several numbers."""
-        for part, key in LOADS:
-            for name, load in (self.document.get(part) or {}).items():
-                if len([*_sizes(load.get(key))]) > 1:
-                    yield part, name, key
-
-    def at(self, path: Path) -> Any:
-        """The value at a path."""
-        value: Any = self.document
-        for key in path:
-            value = value[key]
-        return value
-
-    def changed(self, paths: Sequence[Path], change: Callable[[Any], Any]) -> Problem:
-        """The problem with other values at some paths."""
-        document = copy.deepcopy(dict(self.document))
-        for *way, last in paths:
-            there: Any = document
-            for key in way:
-                there = there[key]
-            there[last] = change(there.get(last) if isinstance(there, dict) else there[last])
-        return self.make(document)
-
-
-def file_of(problem: Problem, given: Any = None) -> FileNumbers | None:
-    """The file that a problem was made of, with its tables; None where there is none.
-
-    Args:
-        problem: The problem.
-        given: What described it: a mapping, if there is no file.
-    """
-    texts = [text for name, text in problem.sources.items() if name.endswith((".yaml", ".yml"))]
-    if isinstance(given, Mapping):
-        described = Document.of("mechanism", dict(given))
-    elif len(texts) == 1:
-        described = documents.parse(texts[0].decode(), problem.name)
-    else:
-        return None
-    if not loading.is_mechanism(described.data):
-        return None
-    document = tables_beside.filled(described, problem.sources).data
-    coded = loading.has_code(document)
-    if coded:
-        document = {key: part for key, part in document.items() if key != "python_forces"}
-
-    def make(other: Mapping[str, Any]) -> Problem:
-        return loading.built(problem.name, Document.of("mechanism", other))
-
-    return FileNumbers(document, make, difference(problem, make(document)) if coded else None)
-
-
-def _sizes(value: Any) -> Iterator[float]:
-    """The numbers of a load that have its size, but for 0."""
-    if isinstance(value, Mapping):
-        value = [item for key, item in value.items() if key in _SIZES]
-    if isinstance(value, list | tuple):
-        for item in value:
-            yield from _sizes(item)
-    elif isinstance(value, int | float) and value:
-        yield value
-
-
-def _numbers(value: Any, path: Path) -> Iterator[Path]:
-    items: Any = ()
-    if isinstance(value, Mapping):
-        items = value.items()
-    elif isinstance(value, list | tuple):
-        items = enumerate(value)
-    for key, item in items:
-        if key in _GEOMETRY:
-            continue
-        if key in _WHOLE or (key == "inertia" and isinstance(item, list | tuple | Mapping)):
-            yield (*path, key)
-        if key in _WHOLE and sum(map(bool, item)) < 2:
-            continue
-        if isinstance(item, int | float) and not isinstance(item, bool):
-            if item or path[-1:] == ("centre",):
-                yield (*path, key)
-        else:
-            yield from _numbers(item, (*path, key))
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,11 +195,6 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         yield replace(number([path], _plus, "", said, turned), rank=_PLACE)
 
 
-def joined(path: Path) -> str:
-    """Name of a number: its keys, with dots."""
-    return ".".join(map(str, path))
-
-
 def _plus(value: Any, c: float) -> Any:
     return (value or 0.0) + c
 
@@ -338,7 +211,7 @@ def _times(value: Any, c: float) -> Any:
 def _scaled(value: Any, c: float) -> Any:
     """A load of several numbers times 1 + c."""
     if isinstance(value, Mapping):
-        return {key: _scaled(item, c) if key in _SIZES else item for key, item in value.items()}
+        return {key: _scaled(item, c) if key in SIZES else item for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_scaled(item, c) for item in value]
     return value * (1 + c) if isinstance(value, int | float) else value

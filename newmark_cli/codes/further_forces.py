@@ -8,19 +8,22 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any
 
 import numpy as np
 
+from newmark_cli.codes.file_numbers import (
+    LOADS,
+    FileNumbers,
+    difference,
+    interpolations,
+    joined,
+)
 from newmark_cli.codes.truth import Force
-from newmark_cli.mechanisms.models import Table
 from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
-
-if TYPE_CHECKING:
-    from newmark_cli.codes.changes import FileNumbers
 
 #: Speed below which dry friction falls to 0, over the largest speed of the motion.
 _SLIPS = 2e-3
@@ -29,11 +32,6 @@ _WHOLE = 1e-2
 #: A mass that has hardly any weight, over what it is.
 _LIGHT = 1e-9
 _AXES = "xyz"
-#: Parts of a file whose loads may have several numbers.
-LOADS = (("forces", "force"), ("torques", "torque"))
-#: How tables may be interpolated.
-INTERPOLATION = Table.model_fields["interpolation"]
-
 #: Coordinates u (n,) → directions (n, k) of generalized forces that act on one thing.
 _Directions = Callable[[Array], Array]
 
@@ -64,7 +62,7 @@ class FurtherForce:
 
 
 def further_forces(
-    problem: Problem, force: float, speed: float, file: "FileNumbers | None"
+    problem: Problem, force: float, speed: float, file: FileNumbers | None
 ) -> Iterator[FurtherForce]:
     """What a code may have besides.
 
@@ -89,13 +87,6 @@ def further_forces(
         yield from _interpolated(file)
     for name, unit, axes, of in _places(problem, file.document if file else {}):
         yield from _pushes(name, unit, axes, of, force, speed)
-
-
-def difference(problem: Problem, less: Problem) -> Force:
-    """The force of what a problem has more than another."""
-    return lambda t, u, v: np.asarray(
-        problem.free_values(t, u, v).force - less.free_values(t, u, v).force
-    )
 
 
 def _less(push: Callable[[Array, Array], Array], t: float, u: Array, v: Array) -> Array:
@@ -239,17 +230,17 @@ def _bearings(
 # -- axes of loads ----------------------------------------------------------------------------
 
 
-def _weights(file: "FileNumbers") -> Iterator[FurtherForce]:
+def _weights(file: FileNumbers) -> Iterator[FurtherForce]:
     """The weight of each mass, which goes on to have inertia."""
     mechanism = file.make(file.document)
     for path in file.numbers() if file.document.get("gravity") else ():
         if path[-1] == "mass":
             lighter = file.changed([path], lambda mass: _LIGHT * mass)
             weightless = difference(lighter, mechanism)
-            yield _exactly(f"the weight of {'.'.join(path[:-1])} left out", weightless)
+            yield _exactly(f"the weight of {joined(path[:-1])} left out", weightless)
 
 
-def _interpolated(file: "FileNumbers") -> Iterator[FurtherForce]:
+def _interpolated(file: FileNumbers) -> Iterator[FurtherForce]:
     """Tables of loads that are interpolated otherwise, and linearly."""
     mechanism = file.make(file.document)
 
@@ -262,12 +253,12 @@ def _interpolated(file: "FileNumbers") -> Iterator[FurtherForce]:
         )
 
     for path, law in _tabulated(file.document):
-        name, table = ".".join(map(str, path)), law["table"]
+        name, table = joined(path), law["table"]
         none = with_number(path, 0.0)
         others = {"linear": linear(table, difference(mechanism, none),
                                    difference(with_number(path, 1.0), none))}  # fmt: skip
-        given = table.get("interpolation", INTERPOLATION.default)
-        for kind in sorted({*get_args(INTERPOLATION.annotation)} - {given}):
+        given, kinds = interpolations(table)
+        for kind in kinds:
             with contextlib.suppress(InputError):  # too few values, or ends of a spline
                 there = (*path, "table", "interpolation")
                 other = file.changed([there], partial(_instead, kind))
@@ -296,7 +287,7 @@ def _exactly(text: str, of: Force) -> FurtherForce:
     return FurtherForce(text, of, lambda c: text, (1.0,), lambda c: abs(c - 1) < _WHOLE, last=True)
 
 
-def _in_other_axes(problem: Problem, file: "FileNumbers") -> Iterator[FurtherForce]:
+def _in_other_axes(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
     """Loads whose components are taken along a body in place of global axes, or the other way."""
     document = file.document
     mechanism = file.make(document)
@@ -363,7 +354,7 @@ def _frames(
 
 
 def _gyroscopic(
-    problem: Problem, file: "FileNumbers | None"
+    problem: Problem, file: FileNumbers | None
 ) -> Iterator[tuple[str, Callable[[Array, Array], Array]]]:
     """ω × J ω, with J about centres of mass, or about the point that holds a single body."""
     outputs = problem.outputs

@@ -10,13 +10,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
-from newmark_cli.codes.changes import FileNumbers, Path, joined, share
+from newmark_cli.codes.changes import share
 from newmark_cli.codes.evidence import Finding, SeriesErrors
-from newmark_cli.codes.further_forces import INTERPOLATION
+from newmark_cli.codes.file_numbers import FileNumbers, Path, interpolations, joined
 from newmark_cli.mechanisms import loading
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array
@@ -179,8 +179,8 @@ class _Misfits:
 
 def _numbers(file: FileNumbers) -> Iterator[_Number]:
     """Numbers of a file that constraints may have, and the angles of its directions."""
-    for path, given in _tables(file.document, ()):
-        for other in sorted({*get_args(INTERPOLATION.annotation)} - {given}):
+    for path, (given, others) in _tables(file.document, ()):
+        for other in others:
             told = f"{joined(path)} {other} in place of {given}"
             made = partial(_with, file, path, partial(_whatever, other))
             yield _Number(joined(path), made, partial(_whatever, told), [(0.0,)])
@@ -245,11 +245,11 @@ def _leaves(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
             yield from _leaves(item, (*path, key))
 
 
-def _tables(value: Any, path: Path) -> Iterator[tuple[Path, str]]:
-    """Paths of the interpolations of tables of motions, and what they are."""
+def _tables(value: Any, path: Path) -> Iterator[tuple[Path, tuple[str, list[str]]]]:
+    """Paths of the interpolations of tables of motions, with what they are and might be."""
     if isinstance(value, Mapping):
         if "times" in value:
-            yield (*path, "interpolation"), value.get("interpolation", INTERPOLATION.default)
+            yield (*path, "interpolation"), interpolations(value)
         for key, item in value.items():
             if key not in _NO_GEOMETRY:
                 yield from _tables(item, (*path, key))

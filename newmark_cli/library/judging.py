@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from newmark_cli.codes.causes import explained, without_solution
-from newmark_cli.codes.changes import FileNumbers, file_of
 from newmark_cli.codes.evidence import Finding, Told
+from newmark_cli.codes.file_numbers import FileNumbers, file_of
 from newmark_cli.codes.given_references import reference_at
 from newmark_cli.codes.reading import METHOD, STEP_SIZE, UNNAMED, Run, Runs, names_of, read
 from newmark_cli.codes.solutions import Measured, Solutions
