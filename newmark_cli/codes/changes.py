@@ -15,7 +15,8 @@ import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
 from newmark_cli.codes.file_numbers import SIZES, FileNumbers, Path, difference, joined
-from newmark_cli.codes.further_forces import further_forces
+from newmark_cli.codes.further_forces import further_forces, opposite, rates
+from newmark_cli.codes.minimal_coordinates import terms
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
 from newmark_cli.support.arrays import Array
 from newmark_cli.support.errors import InputError
@@ -34,8 +35,8 @@ _FOLLOWS = 0.6
 #: Terms of accelerations that codes lack.
 TERMS = {"κ": "κ of Gᵀa + κ = 0 (centrifugal terms)",
          "motions": "the acceleration of the motions"}  # fmt: skip
-#: Ranks of places and of pushes, and candidates that are fitted to the whole motion.
-_PLACE, _LAST, _KEPT = 1, 2, 6
+#: Ranks of places, of pushes and of terms, and candidates that are fitted to the whole motion.
+_PLACE, _LAST, _TERM, _KEPT = 1, 2, 3, 6
 #: Part of the rows that all candidates are fitted to, and how clear these must be.
 _EARLY, _CLEAR = 0.4, 30.0
 #: What an explanation may leave, over what truncation does; relative to all, in the mean.
@@ -51,7 +52,7 @@ class Candidate:
         of: Its change, a tolerance and a last time (s) → the motion.
         said: Its change → what it is then.
         starts: Changes that are tried first, such as −1, where it is left out.
-        rank: 0, or that of places and of pushes, which are looked at where no other explains.
+        rank: 0, or that of places, pushes and terms, which are looked at where no other explains.
         holds: Whether a change can be.
     """
 
@@ -84,6 +85,9 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         there = lacking(one.name, partial(_multiple, one.of), one.starts)
         rank = _LAST if one.last else 0
         yield replace(there, said=one.said or there.said, holds=one.holds, rank=rank)
+    for name, term in terms(problem, [*rates(problem, file.document)]) if file else ():
+        there = lacking(name, partial(_multiple, partial(opposite, term)), (-1.0, -2.0))
+        yield replace(there, rank=_TERM)
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
     driven = file is not None and file.document.get("motions")
     for key, of in {"κ": lambda c: (1 + c, 1.0), "motions": lambda c: (1.0, 1 + c)}.items():
@@ -281,8 +285,9 @@ def share(name: str) -> Callable[[float], str]:
 class FittedChange:
     """What a candidate leaves."""
 
-    worst: float  #: largest, over what truncation may leave
+    worst: float  #: largest, over what an explanation may leave
     mean: float  #: part of the whole error
+    beyond: float  #: largest, over what truncation may leave
     change: float
     candidate: Candidate
 
@@ -312,6 +317,9 @@ class Discrepancy:
         self._met = WeightedRows(evidence, rows, weight)
         self.all = self._met.stacked(off)
         self.size = float(np.linalg.norm(self.all))
+        self._truncation = self._met.stacked(
+            {x: np.full_like(of, max(self.unsure[x], 1e-15)) for x, of in off.items()}
+        )
         least, most = (EXACT, 1e-8) if share == 1 else (1e-10, 1e-6)
         self.tolerance = float(np.clip(1e-4 * self.largest, least, most))
         right = Truth(evidence.problem, self._end, tolerance=self.tolerance)
@@ -353,16 +361,18 @@ class Discrepancy:
                 break
         return best
 
-    def _left(self, moved: Array) -> tuple[float, float]:
-        left = self.all - moved
-        return float(np.abs(left).max()), float(np.linalg.norm(left)) / max(self.size, 1e-300)
+    def _left(self, moved: Array) -> tuple[float, float, float]:
+        left = np.abs(self.all - moved)
+        mean = float(np.linalg.norm(left)) / max(self.size, 1e-300)
+        return float(left.max()), mean, float((left / self._truncation).max())
 
     def search(self, file: FileNumbers | None) -> list[FittedChange]:
         """What each candidate leaves, the best first."""
         fits: list[FittedChange] = []
         every = list(candidates(self.evidence, file))
         moves = any(self.evidence.elsewhere(part) for part in ("u", "v"))
-        rounds = [(False, 0), (False, _PLACE), (False, _LAST)] if moves else [(False, 0)]
+        ranks = (0, _PLACE, _LAST, _TERM) if moves else (0,)
+        rounds = [(False, rank) for rank in ranks]
         if self.largest > 0.02 and moves:
             rounds.insert(2, (True, 0))
         early = self._early()
@@ -374,8 +384,9 @@ class Discrepancy:
                 tried = [(fit.candidate, fit.change) for fit in first[:_KEPT]]
             fits += [fit for one, near in tried for fit in self.tried(one, near, far)]
             best = min(fits, key=lambda fit: fit.worst, default=None)
-            # A rest length is also that of a spring which is held elsewhere along its line.
-            if best and best.worst < _EXPLAINS and "rest_length" not in best.candidate.name:
+            # What leaves more than truncation may be near the cause, such as a mass for a force; a
+            # rest length is also that of a spring which is held elsewhere along its line.
+            if best and best.beyond < _EXPLAINS and "rest_length" not in best.candidate.name:
                 break
         return sorted(fits, key=lambda fit: fit.worst)
 

@@ -19,10 +19,16 @@ from newmark_cli.codes.file_numbers import (
     interpolations,
     joined,
 )
+from newmark_cli.codes.minimal_coordinates import Rate
 from newmark_cli.codes.truth import Force
-from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs, angular_velocities
+from newmark_cli.mechanisms.joints import JOINTS
+from newmark_cli.mechanisms.spatial_outputs import (
+    Connection,
+    SpatialOutputs,
+    angular_velocities,
+)
 from newmark_cli.problems.problem import Problem
-from newmark_cli.support.arrays import Array
+from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError
 
 #: Speed below which dry friction falls to 0, over the largest speed of the motion.
@@ -32,6 +38,9 @@ _WHOLE = 1e-2
 #: A mass that has hardly any weight, over what it is.
 _LIGHT = 1e-9
 _AXES = "xyz"
+#: Parts of a file whose forces act between two bodies, and the key of their size.
+_PAIRED = {"springs": "stiffness", "dampers": "damping", "torsion_springs": "stiffness",
+           "torsion_dampers": "damping", "torques": "torque"}  # fmt: skip
 #: Coordinates u (n,) → directions (n, k) of generalized forces that act on one thing.
 _Directions = Callable[[Array], Array]
 
@@ -73,7 +82,7 @@ def further_forces(
         file: Its file.
     """
     for name, moment in _gyroscopic(problem, file):
-        yield FurtherForce(name, partial(_less, moment), starts=(-1.0, -2.0))
+        yield FurtherForce(name, partial(opposite, moment), starts=(-1.0, -2.0))
     size = force / speed
     yield FurtherForce(
         "a drag −c v", lambda t, u, v: -size * v, lambda c: f"a drag −c v, c = {c * size:.3g}",
@@ -85,12 +94,14 @@ def further_forces(
         yield from _in_other_axes(problem, file)
         yield from _weights(file)
         yield from _interpolated(file)
+        yield from _one_sided(problem, file)
     for name, unit, axes, of in _places(problem, file.document if file else {}):
         yield from _pushes(name, unit, axes, of, force, speed)
 
 
-def _less(push: Callable[[Array, Array], Array], t: float, u: Array, v: Array) -> Array:
-    return -push(u, v)
+def opposite(force: Force, t: float, u: Array, v: Array) -> Array:
+    """A force (n,) with its sign turned."""
+    return -force(t, u, v)
 
 
 # -- pushes and friction ----------------------------------------------------------------------
@@ -227,6 +238,102 @@ def _bearings(
     return [*dict.fromkeys(pair for pair in pairs if turns.keys() >= {*pair})]
 
 
+# -- shares of the mechanism's forces, and terms of its equations -----------------------------
+
+
+def rates(problem: Problem, document: Mapping[str, Any]) -> Iterator[Rate]:
+    """Rates in which codes may write their equations."""
+    if isinstance(problem.outputs, SpatialOutputs):
+        yield from _of_joints(problem, problem.outputs)
+        return
+    places = {name: k for k, name in enumerate(problem.coordinate_names)}
+    for slider in (document.get("sliders") or {}).values():
+        point, along = slider.get("point"), slider.get("direction")
+        if f"{point}.x" in places and not slider.get("on"):
+            weights = np.zeros(problem.n)
+            weights[[places[f"{point}.{axis}"] for axis in "xy"]] = along
+            yield Rate(point, f"the distance of {point}", partial(_constant, weights))
+    rigid = {**(document.get("bodies") or {}), **(document.get("bars") or {})}
+    document = {**document, "bodies": rigid}
+    turns = _turns(problem, document, places)
+    for name, of in turns.items():
+        yield Rate(name, f"the angle of {name}", partial(_column, of))
+    for one, other in _bearings(document, turns, spatial=False):
+        apart = partial(_apart, turns[other], turns[one])
+        yield Rate(other, f"the angle of {other} on {one}", partial(_column, apart))
+
+
+def _of_joints(problem: Problem, outputs: SpatialOutputs) -> Iterator[Rate]:
+    """Rates of the angles of joints in space."""
+    turns = _turns_in_space(problem)
+
+    def weights(joint: Connection, u: Array) -> Array:
+        axis = joint.sides[0].direction("n", u.reshape(-1, 4, 3))
+        moments = [np.zeros((problem.n, 3)) if side.body < 0
+                   else turns[outputs.bodies[side.body]](u) for side in joint.sides]  # fmt: skip
+        return np.asarray((moments[1] - moments[0]) @ axis)
+
+    for name, joint in outputs.joints.items():
+        if JOINTS[joint.kind].turns:
+            yield Rate(name, f"the angle of {name}", partial(weights, joint))
+
+
+def _column(of: _Directions, u: Array) -> Array:
+    return of(u)[:, 0]
+
+
+def _one_sided(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
+    """Forces between two bodies that act on one of them only."""
+    document, mechanism = file.document, file.make(file.document)
+    places = {name: k for k, name in enumerate(problem.coordinate_names)}
+    turns = {}
+    if not isinstance(problem.outputs, SpatialOutputs):
+        turns = _turns(problem, document, places)
+    for part, key in _PAIRED.items():
+        for name, item in (document.get(part) or {}).items():
+            if item.get(key) is None:
+                continue  # a law of the length
+            # Without it, bodies would have no angle.
+            lesser = file.changed([(part, name, key)], partial(_instead, _LIGHT))
+            whole = difference(mechanism, lesser)
+            ends = [item.get("from"), item.get("to") or item.get("on")]
+            if turns.keys() >= {*ends} and part not in ("springs", "dampers"):
+                one, other = (turns[end] for end in ends)
+                shares = {end: partial(_moment_on, whole, turns[end], one, other) for end in ends}
+            else:
+                pushed = whole(problem.t0, problem.u0, problem.v0 + 1.0) != 0
+                shares = {
+                    of: partial(_share, whole, on)
+                    for of, on in _owned(problem, document, ends).items() if pushed[on].any()
+                }  # fmt: skip
+            for of, share in shares.items() if len(shares) == 2 else ():
+                yield _exactly(f"{joined((part, name))} does not act on {of}",
+                               partial(opposite, share))  # fmt: skip
+
+
+def _owned(problem: Problem, document: Mapping[str, Any], ends: Sequence[Any]) -> dict[str, Mask]:
+    """Body in space, or point in the plane → which coordinates it has."""
+    names = problem.coordinate_names
+    if isinstance(problem.outputs, SpatialOutputs):
+        return {body: np.array([name.startswith(f"{body}.") for name in names])
+                for body in problem.outputs.bodies}  # fmt: skip
+    return {end: np.array([name in (f"{end}.x", f"{end}.y") for name in names]) for end in ends}
+
+
+def _share(whole: Force, on: Mask, t: float, u: Array, v: Array) -> Array:
+    """What of a force is on some coordinates."""
+    return np.where(on, whole(t, u, v), 0.0)
+
+
+def _moment_on(
+    whole: Force, of: _Directions, one: _Directions, other: _Directions,
+    t: float, u: Array, v: Array,
+) -> Array:  # fmt: skip
+    """What of a moment between two bodies is on one of them."""
+    apart, sign = (other(u) - one(u))[:, 0], 1 if of is other else -1
+    return np.asarray(sign * of(u)[:, 0] * (apart @ whole(t, u, v)) / (apart @ apart))
+
+
 # -- axes of loads ----------------------------------------------------------------------------
 
 
@@ -353,9 +460,7 @@ def _frames(
 # -- ω × J ω ----------------------------------------------------------------------------------
 
 
-def _gyroscopic(
-    problem: Problem, file: FileNumbers | None
-) -> Iterator[tuple[str, Callable[[Array, Array], Array]]]:
+def _gyroscopic(problem: Problem, file: FileNumbers | None) -> Iterator[tuple[str, Force]]:
     """ω × J ω, with J about centres of mass, or about the point that holds a single body."""
     outputs = problem.outputs
     if not isinstance(outputs, SpatialOutputs) or not 0 < problem.n == 12 * len(outputs.bodies):
@@ -384,7 +489,7 @@ def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
     return np.array(tensors)
 
 
-def _moment(tensors: Array, u: Array, v: Array) -> Array:
+def _moment(tensors: Array, t: float, u: Array, v: Array) -> Array:
     """(n,) the moments ω × J ω as forces on directors: half of moment × director on each."""
     axes, rates = u.reshape(-1, 4, 3)[:, 1:], v.reshape(-1, 4, 3)[:, 1:]
     pushed = np.zeros((len(tensors), 4, 3))

@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 
 from newmark_cli.codes.reading import Run, Runs, names_of
 from newmark_cli.codes.truth import Truth
+from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
@@ -38,7 +39,8 @@ class Undone:
 
     part: str
     text: str
-    change: Callable[[Array], Array]  #: (rows, size) values → what the mechanism calls them
+    #: (rows, size) values and the (rows, n) u beside them → what the mechanism calls them.
+    change: Callable[[Array, Array], Array]
 
 
 def undone(runs: Runs, truth: Truth) -> Runs:
@@ -60,15 +62,15 @@ def undone(runs: Runs, truth: Truth) -> Runs:
             continue
         mine = np.concatenate([run.state[part][at] for run, at in zip(ended, rows, strict=True)])
         ours = np.concatenate([values[part] for values in there])
-        for found in _changes(part, mine, ours, problem):
+        u = np.concatenate([run.state["u"][at] for run, at in zip(ended, rows, strict=True)])
+        for found in (*_changes(part, mine, ours, problem), *_axes(part, mine, ours, u, problem)):
             if not _fits_start(part, own, problem, found):
                 continue
             notes.append(f"{series}: {found.text}")
-            done = [
-                replace(run, state={**run.state, part: found.change(run.state[part])})
-                if run.series == series else run
-                for run in done
-            ]  # fmt: skip
+            for k, run in enumerate(done):
+                if run.series == series:
+                    changed = found.change(run.state[part], run.state["u"])
+                    done[k] = replace(run, state={**run.state, part: changed})
             break
     return replace(runs, runs=done, notes=notes, differ=len(notes) > len(runs.notes))
 
@@ -79,7 +81,8 @@ def _fits_start(part: str, runs: Sequence[Run], problem: Problem, found: Undone)
         return True
     start = problem.u0 if part == "u" else problem.v0
     given = np.concatenate([run.state[part][run.t == problem.t0] for run in runs])
-    off = [np.nanmax(np.abs(rows - start), initial=0.0) for rows in (given, found.change(given))]
+    undone = found.change(given, given)
+    off = [np.nanmax(np.abs(rows - start), initial=0.0) for rows in (given, undone)]
     return bool(off[1] <= off[0] + 1e-9 * np.abs(start).max(initial=0.0))
 
 
@@ -131,7 +134,7 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
             text = f"{part} is {value:g} times as large, and {said}"
         else:
             text = f"{part} of {', '.join(np.array(names)[hit])} is {said}"
-        yield Undone(part, text, partial(np.multiply, np.where(hit, 1 / value, 1.0)))
+        yield Undone(part, text, partial(_times, np.where(hit, 1 / value, 1.0)))
     turned = fits & (np.abs(factor + 1) < _FITS)
     others = telling & ~turned
     # Of coordinates all others must be right: else the motion is another one.
@@ -139,7 +142,7 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
         if turned.sum() == telling.sum():
             turned |= known & ~telling  # what tells nothing goes with the others
         text = _turned(part, [name for name, it in zip(names, turned, strict=True) if it])
-        yield Undone(part, text, lambda x: x * np.where(turned, -1.0, 1.0))
+        yield Undone(part, text, partial(_times, np.where(turned, -1.0, 1.0)))
     if part == "output":
         return
     cost = np.abs(mine[:, :, None] - there[:, None, :]).max(axis=0) / size
@@ -149,7 +152,51 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     if known.all() and better and (place != order_of).any():
         order, listed = np.argsort(place), ", ".join(names[k] for k in place)
         text = f"{_WORDS[part]} are in the order {listed}"
-        yield Undone(part, text, lambda x: x[:, order])
+        yield Undone(part, text, lambda x, u: x[:, order])
+
+
+def _times(factor: Array, x: Array, u: Array) -> Array:
+    return np.asarray(factor * x)
+
+
+def _axes(part: str, mine: Array, there: Array, u: Array, problem: Problem) -> Iterator[Undone]:
+    """Outputs that are vectors in space, given along the axes of a body."""
+    outputs = problem.outputs
+    if part != "output" or not isinstance(outputs, SpatialOutputs) or not np.isfinite(u).all():
+        return
+    found: dict[str, tuple[IndexArray, int]] = {}
+    for k, first in enumerate(outputs.names):
+        if not first.endswith((".omega.x", ".force.x", ".moment.x")):
+            continue
+        place, name = np.arange(k, k + 3), first.removesuffix(".x")
+        given, right = mine[:, place], there[:, place]
+        left = [np.abs(given - _along(right, u, body)).max() for body in range(len(u[0]) // 12)]
+        # An angular velocity is along the axes of its own body, if that fits at all.
+        own = name.removesuffix(".omega")
+        body = outputs.bodies.index(own) if own in outputs.bodies else int(np.argmin(left))
+        if left[body] < _FITS * np.abs(given - right).max() > _SWAPPED * np.abs(right).max():
+            found[name] = place, body
+    if not found:
+        return
+
+    def back(x: Array, u: Array) -> Array:
+        turned = x.copy()
+        for place, body in found.values():
+            turned[:, place] = np.einsum("ri,rij->rj", x[:, place], _directors(u, body))
+        return turned
+
+    said = ", ".join(f"{name} along those of {outputs.bodies[k]}" for name, (_, k) in found.items())
+    yield Undone(part, f"vectors are taken to be in axes of bodies: {said}", back)
+
+
+def _directors(u: Array, body: int) -> Array:
+    """(rows, 3, 3) of a body."""
+    return u.reshape(len(u), -1, 4, 3)[:, body, 1:]
+
+
+def _along(vectors: Array, u: Array, body: int) -> Array:
+    """(rows, 3) components of vectors along the directors of a body."""
+    return np.asarray(np.einsum("rij,rj->ri", _directors(u, body), vectors))
 
 
 def _turned(part: str, names: Sequence[str]) -> str:

@@ -8,6 +8,10 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import newmark_cli as newmark
+from newmark_cli.codes import changes
+from newmark_cli.codes.file_numbers import file_of
+from newmark_cli.codes.further_forces import further_forces, rates
+from newmark_cli.codes.minimal_coordinates import terms
 
 PUSHED = {**CART, "forces": {"push": {"at": "P", "force": [2, 1]}}}
 
@@ -176,3 +180,138 @@ def test_errors_of_order_1_without_centrifugal_terms_are_no_weights_that_are_off
     (note,) = wrong.findings
     assert (note.name, note.fault) == ("κ", False)
     assert note.evidence["left"] < 0.1
+
+
+def across(angle):
+    """Unit vectors along an angle, and of what turns with it."""
+    return np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+
+
+def two_bars(document, lengths, relative):
+    """A mechanism of two bars in two angles: its document, and u and v at q and q'."""
+
+    def places(q, w):
+        one, other = (q[0], q[0] + q[1]) if relative else q
+        turned = (w[0], w[0] + w[1]) if relative else w
+        (e1, n1), (e2, n2) = across(one), across(other)
+        u, v = lengths[0] * e1, lengths[0] * turned[0] * n1
+        return np.array([[*u, *(u + lengths[1] * e2)], [*v, *(v + lengths[1] * turned[1] * n2)]])
+
+    return document, places
+
+
+M, L, J, G = (1.4, 0.6), (0.5, 0.4), (0.05, 0.03), 9.81
+POINTS = {"O": {"fixed": [0, 0]}, "A": {"at": [L[0], 0], "velocity": [0, L[0]]},
+          "B": {"at": [L[0], -L[1]], "velocity": [2 * L[1], L[0]]}}  # fmt: skip
+PENDULUMS = {
+    "points": {**POINTS, "A": POINTS["A"] | {"mass": M[0]}, "B": POINTS["B"] | {"mass": M[1]}},
+    "bars": {"upper": {"from": "O", "to": "A", "length": L[0]},
+             "lower": {"from": "A", "to": "B", "length": L[1]}},
+    "gravity": [0, -G],
+}  # fmt: skip
+ARM = {
+    "points": POINTS,
+    "bodies": {
+        name: {"from": one, "to": other, "length": L[k], "mass": M[k], "inertia": J[k],
+               "centre": [L[k] / 2, 0]}
+        for k, (name, one, other) in enumerate([("upper", "O", "A"), ("fore", "A", "B")])
+    },
+}  # fmt: skip
+ROLLING = {**CART, "dampers": {}}
+
+
+def on_a_cart(q, w):
+    e, n = across(q[1])
+    at, speed = np.array([q[0], 0]), np.array([w[0], 0])
+    return np.array([[*at, *(at + 0.5 * e)], [*speed, *(speed + 0.5 * w[1] * n)]])
+
+
+@pytest.mark.parametrize(
+    ("mechanism", "name", "row", "by_hand"),
+    [
+        (two_bars(PENDULUMS, L, relative=False),
+         "the rate of the angle of lower squared in the equation of the angle of upper", 0,
+         lambda q, w: M[1] * L[0] * L[1] * np.sin(q[0] - q[1]) * w[1] ** 2),
+        (two_bars(ARM, L, relative=True),
+         "the rates of the angle of upper and the angle of fore on upper in the equation of the "
+         "angle of upper", 0,
+         lambda q, w: -M[1] * L[0] * L[1] * np.sin(q[1]) * w[0] * w[1]),
+        ((ROLLING, on_a_cart),
+         "the rate of the angle of rod squared in the equation of the distance of C", 0,
+         lambda q, w: -0.6 * 0.5 * np.cos(q[1]) * w[1] ** 2),
+    ],
+)  # fmt: skip
+def test_terms_of_equations_in_angles_are_those_of_textbooks(mechanism, name, row, by_hand):
+    """As a force, one acts along its own coordinate only."""
+    document, places = mechanism
+    problem = newmark.problem(document)
+    q, w = np.array([0.3, -1.1]), np.array([1.2, -0.7])
+    u, v = places(q, w)
+    along = [(places(q + e, w)[0] - places(q - e, w)[0]) / 2e-6 for e in 1e-6 * np.eye(2)]
+    found = dict(terms(problem, [*rates(problem, document)]))
+    expected = np.where(np.arange(2) == row, by_hand(q, w), 0)
+    force = found[f"the term with {name}"](0.0, u, v)
+    np.testing.assert_allclose(along @ force, expected, rtol=1e-7, atol=1e-8)
+
+
+def test_a_sign_in_equations_written_by_hand_is_told(monkeypatch):
+    """Of a textbook's double pendulum; with the right sign nothing is.
+
+    Numbers of the file and relative angles, which do not explain it, would take most of the time.
+    """
+    monkeypatch.setattr(changes, "rates", lambda *of: [*rates(*of)][:2])
+    monkeypatch.setattr(changes, "_of_file", lambda *_: iter(()))
+    monkeypatch.setattr(changes, "further_forces", lambda *_: iter(()))
+    document, places = two_bars(PENDULUMS, L, relative=False)
+    mass = M[0] + M[1]
+
+    def table(sign):
+        def rate(t, y):
+            q, w = y[:2], y[2:]
+            c, s = (M[1] * L[0] * L[1] * of(q[0] - q[1]) for of in (np.cos, np.sin))
+            inertia = np.array([[mass * L[0] ** 2, c], [c, M[1] * L[1] ** 2]])
+            weight = -G * np.array([mass * L[0], M[1] * L[1]]) * np.cos(q)
+            moment = weight - [sign * s * w[1] ** 2, -s * w[0] ** 2]
+            return np.concatenate([w, np.linalg.solve(inertia, moment)])
+
+        t = np.linspace(0, 0.3, 7)
+        start = [0, -np.pi / 2, 1, 2]
+        y = solve_ivp(rate, (0, 0.3), start, "DOP853", rtol=1e-12, atol=1e-12, t_eval=t).y.T
+        states = np.array([places(row[:2], row[2:]).ravel() for row in y])
+        names = newmark.problem(document).coordinate_names
+        columns = [f"{part}[{name}]" for part in "uv" for name in names]
+        frame = pd.DataFrame(states, columns=columns).assign(t=t)
+        return pd.concat([frame.assign(h=h) for h in (0.01, 0.005, 0.0025)])
+
+    assert judged(table(1), document).faults == ()
+    (fault,) = judged(table(-1), document).faults
+    assert ("the rate of the angle of lower squared in the equation of the angle of upper with its "
+            "sign turned: this alone") in fault.text  # fmt: skip
+
+
+def test_forces_between_two_bodies_have_a_share_on_each():
+    """Of a spring between points, and of a damper between two bodies, by hand."""
+    between = {
+        "torsion_dampers": {"grease": {"from": "upper", "to": "fore", "damping": 0.3}},
+        "springs": {"coil": {"from": "A", "to": "B", "stiffness": 30, "rest_length": 0.3}},
+    }
+    document, places = two_bars({**ARM, **between}, L, relative=False)
+    problem = newmark.problem(document)
+    q, w = np.array([0.3, -1.1]), np.array([1.2, -0.7])
+    axes = ("A.x", "A.y", "B.x", "B.y")
+    u, v = (
+        np.array([{**dict(zip(axes, at, strict=True)), "upper.angle": of[0], "fore.angle": of[1]}[x]
+                  for x in problem.coordinate_names])
+        for at, of in zip(places(q, w), (q, w), strict=True)
+    )  # fmt: skip
+    found = {
+        one.name: dict(zip(problem.coordinate_names, one.of(0.0, u, v), strict=True))
+        for one in further_forces(problem, 1.0, 1.0, file_of(problem, document))
+    }
+    on_b = found["springs.coil does not act on B"]
+    pulled = 30 * 0.1 * across(-1.1)[0]
+    np.testing.assert_allclose([on_b["B.x"], on_b["B.y"]], pulled, rtol=1e-7)
+    assert on_b["A.x"] == on_b["A.y"] == 0
+    turned = found["torsion_dampers.grease does not act on fore"]
+    assert turned["fore.angle"] == pytest.approx(0.3 * (-0.7 - 1.2), rel=1e-7)
+    assert turned["upper.angle"] == pytest.approx(0, abs=1e-9)
