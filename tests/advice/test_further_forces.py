@@ -74,6 +74,26 @@ def test_vectors_and_tensors_in_space_are_told_as_wholes(other, said):
     assert said in fault.text
 
 
+def test_angular_velocities_along_the_axes_of_a_body_are_turned_back():
+    table = of_motion(SPUN)
+    axes, rates = (
+        table[[f"{part}[rod.d{i}.{x}]" for i in (1, 2, 3) for x in "xyz"]]
+        .to_numpy()
+        .reshape(-1, 3, 3)
+        for part in "uv"
+    )
+    omega = np.cross(axes, rates).sum(axis=1) / 2
+    for k, x in enumerate("xyz"):
+        table[f"output[rod.omega.{x}]"] = (axes[:, k] * omega).sum(axis=1)
+    said = judged(table, SPUN)
+    assert said.notes == [
+        "your code: vectors are taken to be in axes of bodies: rod.omega along those of rod"
+    ]
+    assert said.faults == ()
+    (of_omega,) = (one for one in said.slopes if one.quantity == "omega")
+    assert of_omega.values.max() < 1e-9
+
+
 def test_products_of_inertia_are_told_together():
     of_other_sign, mine = (
         of_rod(inertia={"xx": 0.03, "yy": 0.04, "zz": 0.05, "xy": 0.002 * sign, "xz": 0.003 * sign})
