@@ -376,7 +376,7 @@ class Discrepancy:
         if self.largest > 0.02 and moves:
             rounds.insert(2, (True, 0))
         early = self._early()
-        for far, rank in rounds:
+        for k, (far, rank) in enumerate(rounds):
             tried = [(one, 0.0) for one in every if one.rank == rank]
             if early and len(tried) > _KEPT:
                 first = [fit for one, _ in tried for fit in early.tried(one, 0.0, far)]
@@ -384,9 +384,10 @@ class Discrepancy:
                 tried = [(fit.candidate, fit.change) for fit in first[:_KEPT]]
             fits += [fit for one, near in tried for fit in self.tried(one, near, far)]
             best = min(fits, key=lambda fit: fit.worst, default=None)
-            # What leaves more than truncation may be near the cause, such as a mass for a force; a
-            # rest length is also that of a spring which is held elsewhere along its line.
-            if best and best.beyond < _EXPLAINS and "rest_length" not in best.candidate.name:
+            if not best or best.beyond >= _EXPLAINS:
+                continue  # what leaves more than truncation may only be near the cause
+            # A rest length is also that of a spring which is held elsewhere along its line.
+            if k or "rest_length" not in best.candidate.name:
                 break
         return sorted(fits, key=lambda fit: fit.worst)
 
