@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
-from newmark_cli.codes.file_numbers import SIZES, FileNumbers, Path, difference, joined
+from newmark_cli.codes.file_numbers import LEFT_OUT, SIZES, FileNumbers, Path, difference, joined
 from newmark_cli.codes.further_forces import further_forces, opposite, rates
 from newmark_cli.codes.minimal_coordinates import terms
 from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
@@ -26,8 +26,8 @@ _MISFIT = 1e-9
 #: Keys of which all of a mechanism may be wrong alike.
 _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
 _MOMENTS, _PRODUCTS = ("xx", "yy", "zz"), ("xy", "xz", "yz")
-#: Numbers that files have positive only, and the share of one that is left out.
-_POSITIVE, _LEFT_OUT = ("stiffness", "damping"), 1e-9
+#: Numbers that files have positive only.
+_POSITIVE = ("stiffness", "damping")
 #: Shares by which a number is scanned where the error is large: left out and turned come first.
 _SCAN = (-0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0, 3.0, 11.0)
 #: What of a change of h a number may follow that the smallest two step sizes ask for.
@@ -41,6 +41,9 @@ _PLACE, _LAST, _TERM, _KEPT = 1, 2, 3, 6
 _EARLY, _CLEAR = 0.4, 30.0
 #: What an explanation may leave, over what truncation does; relative to all, in the mean.
 _EXPLAINS, _IN_THE_MEAN = 3.0, 0.2
+#: What it may leave beside truncation, over the largest error, and the part of that below which no
+#: other is sought.
+_SLACK, _SURE = 2e-3, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +144,7 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
     ) -> Truth:
         # The start is that of the right mechanism: a table may say otherwise in its first row.
         if c < -1 and paths[0][-1] in _POSITIVE:
-            less = file.changed(paths, lambda value: _times(value, _LEFT_OUT - 1))
+            less = file.changed(paths, lambda value: _times(value, LEFT_OUT - 1))
             term = difference(file.make(file.document), less)
             return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
@@ -287,7 +290,7 @@ class FittedChange:
 
     worst: float  #: largest, over what an explanation may leave
     mean: float  #: part of the whole error
-    beyond: float  #: largest, over what truncation may leave
+    beyond: float  #: largest, over what the cause itself may leave
     change: float
     candidate: Candidate
 
@@ -313,13 +316,12 @@ class Discrepancy:
         self.off = off = {x: evidence.error(x, -1)[rows] for x in self.parts}
         largest = {x: float(np.abs(of).max()) for x, of in off.items()}
         self.largest = max(largest.values())
-        weight = {x: 1 / max(self.unsure[x], 2e-3 * largest[x], 1e-15) for x in self.parts}
+        weight = {x: 1 / max(self.unsure[x], _SLACK * largest[x], 1e-15) for x in self.parts}
         self._met = WeightedRows(evidence, rows, weight)
         self.all = self._met.stacked(off)
         self.size = float(np.linalg.norm(self.all))
-        self._truncation = self._met.stacked(
-            {x: np.full_like(of, max(self.unsure[x], 1e-15)) for x, of in off.items()}
-        )
+        surely = {x: max(self.unsure[x], _SURE * _SLACK * largest[x], 1e-15) for x in off}
+        self._surely = self._met.stacked({x: np.full_like(of, surely[x]) for x, of in off.items()})
         least, most = (EXACT, 1e-8) if share == 1 else (1e-10, 1e-6)
         self.tolerance = float(np.clip(1e-4 * self.largest, least, most))
         right = Truth(evidence.problem, self._end, tolerance=self.tolerance)
@@ -364,7 +366,7 @@ class Discrepancy:
     def _left(self, moved: Array) -> tuple[float, float, float]:
         left = np.abs(self.all - moved)
         mean = float(np.linalg.norm(left)) / max(self.size, 1e-300)
-        return float(left.max()), mean, float((left / self._truncation).max())
+        return float(left.max()), mean, float((left / self._surely).max())
 
     def search(self, file: FileNumbers | None) -> list[FittedChange]:
         """What each candidate leaves, the best first."""
@@ -385,7 +387,7 @@ class Discrepancy:
             fits += [fit for one, near in tried for fit in self.tried(one, near, far)]
             best = min(fits, key=lambda fit: fit.worst, default=None)
             if not best or best.beyond >= _EXPLAINS:
-                continue  # what leaves more than truncation may only be near the cause
+                continue  # what leaves more may only be near the cause
             # A rest length is also that of a spring which is held elsewhere along its line.
             if k or "rest_length" not in best.candidate.name:
                 break

@@ -26,6 +26,8 @@ _WHOLE = ("gravity",)
 LOADS = (("forces", "force"), ("torques", "torque"))
 #: What has the size of a load that is a law of time, or components of one.
 SIZES = ("value", "rate", "acceleration", "amplitude", "powers", "sines", "table", "values")
+#: What is left of a number that is left out: of some, files have positive ones only.
+LEFT_OUT = 1e-9
 #: How tables may be interpolated.
 _INTERPOLATION = Table.model_fields["interpolation"]
 

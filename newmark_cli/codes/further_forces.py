@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from newmark_cli.codes.file_numbers import (
+    LEFT_OUT,
     LOADS,
     FileNumbers,
     difference,
@@ -35,8 +36,6 @@ from newmark_cli.support.errors import InputError
 _SLIPS = 2e-3
 #: How near to 1 the multiple is of what is taken in other axes.
 _WHOLE = 1e-2
-#: A mass that has hardly any weight, over what it is.
-_LIGHT = 1e-9
 _AXES = "xyz"
 #: Parts of a file whose forces act between two bodies, and the key of their size.
 _PAIRED = {"springs": "stiffness", "dampers": "damping", "torsion_springs": "stiffness",
@@ -195,9 +194,8 @@ def _turns(
 ) -> dict[str, _Directions]:
     """Body in the plane → a moment on its angle, or as a pair of forces on its two points."""
 
-    def turn(ends: Sequence[tuple[Any, Any]], u: Array) -> Array:
-        there = [np.array(fixed) if at is None else u[at] for at, fixed in ends]
-        x, y = there[1] - there[0]
+    def turn(ends: _Ends, u: Array) -> Array:
+        x, y = _span(ends, u)
         across = np.array([-y, x]) / (x * x + y * y)
         directions = np.zeros((problem.n, 1))
         for (at, _), sign in zip(ends, (-1, 1), strict=True):
@@ -209,16 +207,30 @@ def _turns(
     for name, body in (document.get("bodies") or {}).items():
         if (angle := places.get(f"{name}.angle")) is not None:
             turns[name] = partial(_constant, np.eye(problem.n)[:, [angle]])
-            continue
-        ends = []
-        for key in ("from", "to"):
-            fixed = document["points"].get(body.get(key), {}).get("fixed")
-            at = [places.get(f"{body.get(key)}.{axis}") for axis in "xy"]
-            if fixed or None not in at:
-                ends.append((None, fixed) if fixed else (at, None))
-        if len(ends) == 2:
+        elif ends := _ends(document, places, body):
             turns[name] = partial(turn, ends)
     return turns
+
+
+#: Of each end of a bar or a body in the plane, its coordinates, or where it is fixed.
+_Ends = Sequence[tuple[list[int] | None, Any]]
+
+
+def _ends(document: Mapping[str, Any], places: Mapping[str, int], item: Mapping[str, Any]) -> _Ends:
+    """Empty if one of them is neither."""
+    ends: list[tuple[list[int] | None, Any]] = []
+    for end in (item.get("from"), item.get("to")):
+        if fixed := document["points"].get(end, {}).get("fixed"):
+            ends.append((None, fixed))
+        elif f"{end}.x" in places:
+            ends.append(([places[f"{end}.x"], places[f"{end}.y"]], None))
+    return ends if len(ends) == 2 else []
+
+
+def _span(ends: _Ends, u: Array) -> Array:
+    """(2,) from the first end to the second."""
+    first, second = (np.array(fixed) if at is None else u[at] for at, fixed in ends)
+    return np.asarray(second - first)
 
 
 def _bearings(
@@ -291,10 +303,10 @@ def _one_sided(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
         turns = _turns(problem, document, places)
     for part, key in _PAIRED.items():
         for name, item in (document.get(part) or {}).items():
-            if item.get(key) is None:
-                continue  # a law of the length
+            if item.get(key) is None or isinstance(item[key], list | tuple):
+                continue  # a law of the length, or what acts on one body
             # Without it, bodies would have no angle.
-            lesser = file.changed([(part, name, key)], partial(_instead, _LIGHT))
+            lesser = file.changed([(part, name, key)], partial(_instead, LEFT_OUT))
             whole = difference(mechanism, lesser)
             ends = [item.get("from"), item.get("to") or item.get("on")]
             if turns.keys() >= {*ends} and part not in ("springs", "dampers"):
@@ -342,7 +354,7 @@ def _weights(file: FileNumbers) -> Iterator[FurtherForce]:
     mechanism = file.make(file.document)
     for path in file.numbers() if file.document.get("gravity") else ():
         if path[-1] == "mass":
-            lighter = file.changed([path], lambda mass: _LIGHT * mass)
+            lighter = file.changed([path], lambda mass: LEFT_OUT * mass)
             weightless = difference(lighter, mechanism)
             yield _exactly(f"the weight of {joined(path[:-1])} left out", weightless)
 
@@ -441,19 +453,14 @@ def _frames(
         return
     places = {name: k for k, name in enumerate(problem.coordinate_names)}
 
-    def along(ends: Sequence[str], u: Array) -> Array:
-        there = []
-        for end in ends:
-            fixed = document["points"].get(end, {}).get("fixed")
-            there.append(fixed or [u[places[f"{end}.{axis}"]] for axis in "xy"])
-        x, y = np.subtract(there[1], there[0])
+    def along(ends: _Ends, u: Array) -> Array:
+        x, y = _span(ends, u)
         return np.asarray(np.array([[x, y], [-y, x]]) / np.hypot(x, y))
 
     for part in ("bodies", "bars"):
         for name, item in (document.get(part) or {}).items():
-            ends = [item.get("from"), item.get("to")]
-            known = all(end in document["points"] for end in ends)
-            if known and (name == on or at in ends):
+            ends = _ends(document, places, item)
+            if ends and (name == on or at in (item.get("from"), item.get("to"))):
                 yield name, partial(along, ends)
 
 

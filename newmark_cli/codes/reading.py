@@ -84,7 +84,7 @@ class Runs:
     runs: Sequence[Run]  #: in the order of series, and of sizes from the largest
     abscissa: str  #: ``"h"`` or ``"tolerance"``
     notes: Sequence[str]  #: what was taken for granted, in sentences
-    differ: bool = False  #: whether units, signs or an order of columns were undone
+    differs: bool = False  #: whether units, signs or an order of columns were undone
 
 
 def names_of(problem: Problem) -> dict[str, tuple[str, ...]]:

@@ -72,7 +72,7 @@ def undone(runs: Runs, truth: Truth) -> Runs:
                     changed = found.change(run.state[part], run.state["u"])
                     done[k] = replace(run, state={**run.state, part: changed})
             break
-    return replace(runs, runs=done, notes=notes, differ=len(notes) > len(runs.notes))
+    return replace(runs, runs=done, notes=notes, differs=len(notes) > len(runs.notes))
 
 
 def _fits_start(part: str, runs: Sequence[Run], problem: Problem, found: Undone) -> bool:

@@ -302,7 +302,7 @@ def judge(
         ],
         measurements,
         runs.abscissa,
-        runs.differ,
+        runs.differs,
     )
 
 
