@@ -130,6 +130,9 @@ def _of_geometry(evidence: SeriesErrors, file: FileNumbers | None) -> list[Findi
     if starts and evidence.told.formulation in ("index-1", "index-2"):
         return []
     found = [*geometry.changed(evidence, file)]
+    if found and all(run.t[0] > evidence.t0 + 1e-11 for run in evidence.runs):
+        kept = "; so are those that a start misses, in a code that keeps them: its row would tell"
+        found = [replace(found[0], text=found[0].text + kept)]
     if found and starts and not evidence.told.formulation:
         off = "a code that keeps what its start misses does the same where"
         return [replace(found[0], text=f"{found[0].text}; {off} {starts[0].text}")]

@@ -16,9 +16,9 @@ import numpy as np
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
 from newmark_cli.codes.file_numbers import LEFT_OUT, SIZES, FileNumbers, Path, difference, joined
 from newmark_cli.codes.further_forces import further_forces, opposite, rates
-from newmark_cli.codes.minimal_coordinates import terms
-from newmark_cli.codes.truth import EXACT, Force, NoMotion, Truth
-from newmark_cli.support.arrays import Array
+from newmark_cli.codes.minimal_coordinates import couplings, terms
+from newmark_cli.codes.truth import EXACT, Force, MassOf, NoMotion, Truth
+from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError
 
 #: Misfit of Φ by which a place is one of a constraint.
@@ -88,8 +88,12 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         there = lacking(one.name, partial(_multiple, one.of), one.starts)
         rank = _LAST if one.last else 0
         yield replace(there, said=one.said or there.said, holds=one.holds, rank=rank)
-    for name, term in terms(problem, [*rates(problem, file.document)]) if file else ():
+    moving = [*rates(problem, file.document)] if file else []
+    for name, term in terms(problem, moving):
         there = lacking(name, partial(_multiple, partial(opposite, term)), (-1.0, -2.0))
+        yield replace(there, rank=_TERM)
+    for name, coupling in couplings(problem, moving):
+        there = lacking(name, partial(_more_mass, coupling), (-1.0, -2.0))
         yield replace(there, rank=_TERM)
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
     driven = file is not None and file.document.get("motions")
@@ -100,6 +104,9 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         yield lacking(name, partial(_less_curved, of, False), (-1.0, -2.0))
         if right:
             yield lacking(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
+    for k, name in enumerate(problem.constraint_names if right and problem.m > 1 else ()):
+        only = partial(_less_of_one, np.arange(problem.m) == k)
+        yield lacking(f"κ of {name} in λ", only, (-1.0, -2.0))
     if evidence.start is None:
         yield lacking("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
@@ -109,11 +116,21 @@ def _multiple(force: Force, c: float) -> dict[str, Any]:
     return {"force": lambda t, u, v: c * force(t, u, v)}
 
 
+def _more_mass(mass: MassOf, c: float) -> dict[str, Any]:
+    """A further part of M."""
+    return {"mass": lambda t, u: c * mass(t, u)}
+
+
 def _less_curved(
     of: Callable[[float], tuple[float, float]], recovered: bool, c: float
 ) -> dict[str, Any]:
     """Other factors of κ."""
     return {"curvature": of(c), "recovered": recovered}
+
+
+def _less_of_one(only: Mask, c: float) -> dict[str, Any]:
+    """Another κ of one constraint, of which λ comes."""
+    return {"curvature": (1 + c * only, 1.0), "recovered": True}
 
 
 def _of_motions(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:

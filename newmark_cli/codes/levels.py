@@ -20,6 +20,8 @@ _NEAR_ONE = 1e-4
 #: How far an order of λ is from 1, and local ones scatter; part of h over which rates are taken,
 #: and what another time may leave.
 _OFF_ONE, _SCATTER, _APART, _LEAVES = 0.2, 0.35, 1e-2, 0.15
+#: Steps by which the law of a motion may be late, and what of Φ is left at the right time.
+_SHIFTS, _MET = (-1.0, -0.5, 0.5, 1.0), 1e-3
 #: Powers of h that a factor of λ may have.
 _POWERS = (0, 1, 2, -2, -1)
 
@@ -99,6 +101,14 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
         )
         yield evidence.finding("drift", text, strict, misfit=missed, level=formulation)
         return
+    if (shift := _time_of_motions(evidence, k)) is not None:
+        size = "½" if abs(shift) == 0.5 else "1"
+        text = (
+            f"{seen}, and met at the time t {'−' if shift < 0 else '+'} {size} h: "
+            f"{', '.join(dict.fromkeys(_driven(evidence)))} take that time"
+        )
+        yield evidence.finding("late", text, misfit=missed, shift=shift, parts=["motions"])
+        return
     worse = [
         SYMBOLS[part] for part in PARTS
         if told.integrator and evidence.has[part]
@@ -130,6 +140,26 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
             "stabilisation leaves"
         )
         yield evidence.finding("seen", text, strict and matters, misfit=missed)
+
+
+def _driven(evidence: SeriesErrors) -> list[str]:
+    names = evidence.problem.constraint_names
+    return [name.rpartition(".")[0] for name in names if name.startswith("motions.")]
+
+
+def _time_of_motions(evidence: SeriesErrors, k: int) -> float | None:
+    """Steps by which the law of a motion is late, if Φ is met at that time in all rows of a run."""
+    run, problem = evidence.runs[k], evidence.problem
+    rows = np.flatnonzero(run.t > evidence.t0 + 1.5 * evidence.step_of(run))
+    for shift in _SHIFTS if len(rows) and _driven(evidence) else ():
+        missed = [
+            [np.abs(problem.constraint_values(run.t[row] + c * run.size, run.state["u"][row])).max()
+             for row in rows]
+            for c in (0.0, shift)
+        ]  # fmt: skip
+        if max(missed[1]) < _MET * max(missed[0]):
+            return shift
+    return None
 
 
 def _after_start(evidence: SeriesErrors) -> list[Array]:

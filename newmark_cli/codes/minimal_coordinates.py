@@ -5,7 +5,8 @@ GᵀT = 0 and WᵀT = 1, motions are v = T ω, and the equations
 
     TᵀM T ω′ + Σ q_ijk ω_j ω_k = Tᵀf,    q_ijk = T_i · M (∂T_j/∂u) T_k.
 
-One of these quadratic terms is a force W_i q_ijk ω_j ω_k, since T_iᵀW_i = 1.
+One of these quadratic terms is a force W_i q_ijk ω_j ω_k, since T_iᵀW_i = 1, and one entry of TᵀM T
+a part W_i (T_i · M T_j) W_jᵀ of M.
 """
 
 import itertools
@@ -16,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from newmark_cli.codes.truth import Force
+from newmark_cli.codes.truth import Force, MassOf
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, Mask
 
@@ -28,8 +29,8 @@ _FREEDOMS, _CHOICES = 3, 8
 _STEP = 1e-5
 #: Part of the largest term from which on one tells something; singular values that count.
 _TELLS, _RANK = 1e-6, 1e-8
-#: Rates at the start with which terms are compared.
-_AT_START = np.array([1.0, 0.7, 1.3])
+#: Rates with which terms are compared, and how far from the start, over its size.
+_COMPARED, _AWAY = np.array([1.0, 0.7, 1.3]), 0.1
 
 
 class Rate(NamedTuple):
@@ -47,33 +48,56 @@ def terms(problem: Problem, rates: Sequence[Rate]) -> Iterator[tuple[str, Force]
         problem: The mechanism.
         rates: Those of angles and distances that codes may take as coordinates.
     """
-    # Codes write down what is driven, too.
+    seen: list[Array] = []
+    for equations, u, v in _choices(problem, rates):
+        moved = equations.motions(problem.t0, u)
+        inertia = float(np.abs(moved.T @ problem.M @ moved).max())
+        for name, parts in _named(equations.rates):
+            force = partial(equations.terms, parts)
+            there = force(problem.t0, u, v)
+            size = float(np.abs(there).max())
+            least = _TELLS * inertia * float(np.abs(equations.weights(u)).max())
+            if size > least and all(np.abs(there - old).max() > _TELLS * size for old in seen):
+                seen.append(there)
+                yield name, force
+
+
+def couplings(problem: Problem, rates: Sequence[Rate]) -> Iterator[tuple[str, MassOf]]:
+    """Couplings T_i · M T_j of two rates in the matrix of masses, as part of M, by name.
+
+    Args:
+        problem, rates: As of `terms`.
+    """
+    for equations, u, _ in _choices(problem, rates):
+        moved = equations.motions(problem.t0, u)
+        inertia = np.abs(moved.T @ problem.M @ moved)
+        for i, j in itertools.combinations(range(len(inertia)), 2):
+            if inertia[i, j] > _TELLS * inertia.max():
+                names = " and ".join(equations.rates[k].name for k in (i, j))
+                yield f"the coupling of {names} in the matrix of masses", \
+                    partial(equations.coupling, i, j)  # fmt: skip
+
+
+def _choices(
+    problem: Problem, rates: Sequence[Rate]
+) -> Iterator[tuple["_Equations", Array, Array]]:
+    """Equations in as many rates as there are degrees of freedom, and u and v to compare them at.
+
+    Codes write driven rates, too.  Where a motion starts, much may be 0.
+    """
     kept = np.array([not name.startswith("motions.") for name in problem.constraint_names], bool)
-    t0, u0 = problem.t0, problem.u0
-    free = problem.n - np.linalg.matrix_rank(problem.gradient(t0, u0)[:, kept], tol=_RANK)
+    u0 = problem.u0
+    gradient = problem.gradient(problem.t0, u0)[:, kept]
+    free = int(problem.n - np.linalg.matrix_rank(gradient, tol=_RANK))
     if not 0 < free <= _FREEDOMS:
         return
-    choices = (
-        choice for choice in itertools.combinations(rates, int(free))
-        if len({rate.of for rate in choice}) == free
-    )  # fmt: skip
-    seen: list[Array] = []
+    every = (_Equations(problem, kept, choice) for choice in itertools.combinations(rates, free)
+             if len({rate.of for rate in choice}) == free)  # fmt: skip
     v: Array | None = None
-    for choice in itertools.islice(choices, _CHOICES):
-        equations = _Equations(problem, kept, choice)
-        if not equations.are_independent():
-            continue
-        moved = equations.motions(t0, u0)
-        inertia = float(np.abs(moved.T @ problem.M @ moved).max())
-        v = moved @ _AT_START[:free] if v is None else v  # the same for all choices
-        for name, parts in _named(choice):
-            force = partial(equations.terms, parts)
-            at_start = force(t0, u0, v)
-            size = float(np.abs(at_start).max())
-            least = _TELLS * inertia * float(np.abs(equations.weights(u0)).max())
-            if size > least and all(np.abs(at_start - old).max() > _TELLS * size for old in seen):
-                seen.append(at_start)
-                yield name, force
+    for equations in filter(_Equations.are_independent, itertools.islice(every, _CHOICES)):
+        if v is None:
+            v = equations.motions(problem.t0, u0) @ _COMPARED[:free]
+        yield equations, u0 + _AWAY * np.abs(u0).max() / np.abs(v).max() * v, v
 
 
 def _named(choice: Sequence[Rate]) -> Iterator[tuple[str, list[_Term]]]:
@@ -122,6 +146,12 @@ class _Equations:
             for i, j, _ in (part for part in parts if part[2] == k):
                 forces += weights[i] * q[i, j] * omega[j] * (1 if j == k else 2)
         return forces
+
+    def coupling(self, i: int, j: int, t: float, u: Array) -> Array:
+        """(n, n) W_i (T_i · M T_j) W_jᵀ, and its transpose."""
+        weights, moved = self.weights(u), self.motions(t, u)
+        half = (moved[:, i] @ self.problem.M @ moved[:, j]) * np.outer(weights[i], weights[j])
+        return np.asarray(half + half.T)
 
     def weights(self, u: Array) -> Array:
         """(k, n) Wᵀ."""

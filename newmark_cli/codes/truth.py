@@ -23,6 +23,8 @@ _STEPS, _FEW_STEPS = 40, 8
 
 #: Time (s), u and v → a further force (n,).
 Force = Callable[[float, Array, Array], Array]
+#: Time (s) and u → a further part (n, n) of M.
+MassOf = Callable[[float, Array], Array]
 
 
 class NoMotion(ArithmeticError):
@@ -37,8 +39,9 @@ class Truth:
         t_end: Last time (s) that will be asked for.
         u0, v0: Another start (n,).
         force: A further force.
-        curvature: Factors of κ in Gᵀa + κ = 0, and of its part at v = 0, which is that of driven
-            constraints: other codes may lack either.
+        mass: A further part of M.
+        curvature: Factor of κ in Gᵀa + κ = 0, one or (m,), and that of its part at v = 0, which is
+            that of driven constraints: other codes may lack either.
         recovered: Whether this is so of λ only, as where u and v are projected.
         tolerance: Local tolerance, relative to the largest coordinate and velocity.
 
@@ -54,11 +57,13 @@ class Truth:
         u0: Array | None = None,
         v0: Array | None = None,
         force: Force | None = None,
-        curvature: tuple[float, float] = (1.0, 1.0),
+        mass: MassOf | None = None,
+        curvature: tuple[float | Array, float] = (1.0, 1.0),
         recovered: bool = False,
         tolerance: float = EXACT,
     ) -> None:
         self.problem, self._force, self._left = problem, force, _MOST
+        self._mass = mass
         self._curvature = (1.0, 1.0) if recovered else curvature
         u0, v0 = (problem.u0 if u0 is None else u0), (problem.v0 if v0 is None else v0)
         n, m, pattern = problem.n, problem.m, problem.pattern
@@ -93,6 +98,8 @@ class Truth:
         gradient = np.bincount(self._places, values.g, minlength=n * m).reshape(n, m)
         matrix = self._matrix.copy()
         matrix[:n, n:], matrix[n:, :n] = -gradient, gradient.T
+        if self._mass is not None:
+            matrix[:n, :n] += self._mass(t, u)
         every, driven = self._curvature
         curvature = every * problem.constraint_derivatives(t, u, v)[1]
         if driven != 1:

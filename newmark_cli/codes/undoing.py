@@ -18,9 +18,10 @@ from newmark_cli.mechanisms.spatial_outputs import SpatialOutputs
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, IndexArray
 
-#: How many of a unit that people use a metre or a radian is.
-_UNITS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet",
-          180 / np.pi: "degrees"}  # fmt: skip
+#: How many of a unit that people use a metre, a radian or a radian per second is.
+_LENGTHS = {1e3: "mm", 1e2: "cm", 1e-3: "km", 39.37007874: "inches", 3.280839895: "feet"}
+_UNITS = {**_LENGTHS, 180 / np.pi: "degrees"}
+_RATES = {30 / np.pi: "revolutions per minute"}
 #: Runs of the smallest step sizes that are compared, at so many rows after the first steps.
 _RUNS, _ROWS = 2, 8
 #: Part of the largest value from which on a component tells something; how well a factor fits.
@@ -124,12 +125,13 @@ def _changes(part: str, mine: Array, there: Array, problem: Problem) -> Iterator
     factor = (mine * there).sum(axis=0) / np.maximum((there**2).sum(axis=0), 1e-300)
     left = np.abs(mine - factor * there).max(axis=0) / np.maximum(np.abs(mine).max(axis=0), 1e-300)
     fits = telling & (left < _FITS)
-    for value, unit in _UNITS.items() if part in ("u", "v") else ():
+    units = {"u": _UNITS, "v": {of: f"{unit}/s" for of, unit in _UNITS.items()} | _RATES}
+    for value, unit in units.get(part, {}).items():
         hit = fits & (np.abs(factor / value - 1) < 0.03)
         if not hit.any() or (np.abs(factor - 1)[telling & ~hit] > 0.1).any():
             continue
-        said = f"taken to be in {unit}{'/s' if part == 'v' else ''}"
-        if (hit == telling).all() and unit != "degrees":
+        said = f"taken to be in {unit}"
+        if (hit == telling).all() and value in _LENGTHS:
             hit = known  # what tells nothing goes with the others
             text = f"{part} is {value:g} times as large, and {said}"
         else:

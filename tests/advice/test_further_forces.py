@@ -11,7 +11,7 @@ import newmark_cli as newmark
 from newmark_cli.codes import changes
 from newmark_cli.codes.file_numbers import file_of
 from newmark_cli.codes.further_forces import further_forces, rates
-from newmark_cli.codes.minimal_coordinates import terms
+from newmark_cli.codes.minimal_coordinates import couplings, terms
 
 PUSHED = {**CART, "forces": {"push": {"at": "P", "force": [2, 1]}}}
 
@@ -272,6 +272,19 @@ def test_terms_of_equations_in_angles_are_those_of_textbooks(mechanism, name, ro
     expected = np.where(np.arange(2) == row, by_hand(q, w), 0)
     force = found[f"the term with {name}"](0.0, u, v)
     np.testing.assert_allclose(along @ force, expected, rtol=1e-7, atol=1e-8)
+
+
+def test_a_coupling_in_the_matrix_of_masses_is_that_of_a_textbook():
+    document, places = two_bars(PENDULUMS, L, relative=False)
+    problem, q = newmark.problem(document), np.array([0.3, -1.1])
+    along = [places(q, w)[1] for w in np.eye(2)]
+    (name, coupling), *_ = couplings(problem, [*rates(problem, document)])
+    assert (
+        name == "the coupling of the angle of upper and the angle of lower in the matrix of masses"
+    )
+    by_hand = M[1] * L[0] * L[1] * np.cos(q[0] - q[1])
+    found = along @ coupling(0.0, places(q, q)[0]) @ np.transpose(along)
+    np.testing.assert_allclose(found, [[0, by_hand], [by_hand, 0]], rtol=1e-9, atol=1e-12)
 
 
 def test_a_sign_in_equations_written_by_hand_is_told(monkeypatch):
