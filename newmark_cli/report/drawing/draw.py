@@ -57,7 +57,8 @@ def drawn(
         entries: dict[tuple[str, str], Any] = {}
         for axes, panel in zip(grid, sheet.panels, strict=True):
             for name, handle in _draw(axes, panel, cycle):
-                entries.setdefault(name, handle)
+                if name not in entries or _is_joined(handle) > _is_joined(entries[name]):
+                    entries[name] = handle
             for spine in axes.spines.values():
                 spine.set_in_layout(False)  # which would look at all ticks again
             if sheet.grid:
@@ -200,6 +201,11 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
     return handle
 
 
+def _is_joined(handle: Any) -> bool:
+    """Whether a handle of a legend shows the line of its series."""
+    return isinstance(handle, mpl.lines.Line2D) and handle.get_linestyle() != "None"
+
+
 def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
     """Ticks at powers of ten, labelled once where neighbouring panels share them."""
     panel, count = sheet.panels[place], len(sheet.panels)
@@ -256,9 +262,7 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
         (columns, every) for columns in dict.fromkeys(-(-count // r) for r in range(1, count + 1))
     ]
     if len(blocks) > 1:
-        tallest = max(map(len, blocks))
-        filled = [[*block, *[("", _BLANK)] * (tallest - len(block))] for block in blocks]
-        layouts = [(len(blocks), [entry for block in filled for entry in block]), (1, every)]
+        layouts = [(columns, _stacked(blocks, columns)) for columns in range(len(blocks), 0, -1)]
     for columns, listed in layouts:
         texts, handles = zip(*listed, strict=True)
         legend = drawing.legend(
@@ -294,6 +298,14 @@ def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[t
     ] or [[]]
     blocks[-1] += levels.items()
     return blocks
+
+
+def _stacked(blocks: Sequence[list[Any]], columns: int) -> list[Any]:
+    """Entries column by column, in columns of equal heights that no block is split over."""
+    each = -(-len(blocks) // columns)
+    stacks = [sum(blocks[i : i + each], []) for i in range(0, len(blocks), each)]
+    tallest = max(map(len, stacks))
+    return [e for stack in stacks for e in (*stack, *[("", _BLANK)] * (tallest - len(stack)))]
 
 
 #: Settings of a legend of several groups.
@@ -421,12 +433,18 @@ def _fits(panel: Panel) -> tuple[list[str], list[str]]:
 
     In full slopes have labels and standard errors.
     """
-    fitted = [t for t in panel.traces if t.fit and panel.titles]
-    fits = [f"{plain(t.label)}{_FIXED}{t.fit.replace(' ', _FIXED)}" for t in fitted]
-    bare = (re.sub(r" ± [0-9.]+", "", trace.fit) for trace in panel.traces)
-    short = [fit.replace(" ", _FIXED) or "–" for fit in bare if fitted]
-    zeros = sum(trace.zeros for trace in panel.traces)
-    if zeros and panel.tell_zeros and panel.y_scale == "log":
+    told = panel.traces if panel.titles and any(t.fit for t in panel.traces) else ()
+    log = panel.y_scale == "log"
+    values = ["= 0" if log and t.zeros == len(t.y) else t.fit for t in told]
+    fits = [
+        f"{plain(t.label)} {value}".replace(" ", _FIXED)
+        for t, value in zip(told, values, strict=True)
+        if value
+    ]
+    bare = (re.sub(r" ± [0-9.]+", "", value) for value in values)
+    short = [fit.replace(" ", _FIXED) or "–" for fit in bare]
+    zeros = sum(t.zeros for t in panel.traces if t.zeros < len(t.y) or not told)
+    if zeros and panel.tell_zeros and log:
         fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
         short.append(f"{zeros} zeros")
     elif panel.empty and not panel.scene:
