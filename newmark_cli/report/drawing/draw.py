@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import matplotlib as mpl
@@ -57,7 +58,8 @@ def drawn(
         entries: dict[tuple[str, str], Any] = {}
         for axes, panel in zip(grid, sheet.panels, strict=True):
             for name, handle in _draw(axes, panel, cycle):
-                if name not in entries or _is_joined(handle) > _is_joined(entries[name]):
+                # A trace without points has no line to show.
+                if name not in entries or not len(entries[name].get_xdata()):
                     entries[name] = handle
             for spine in axes.spines.values():
                 spine.set_in_layout(False)  # which would look at all ticks again
@@ -201,11 +203,6 @@ def _draw_trace(axes: Any, trace: Trace, panel: Panel, look: Look) -> Any:
     return handle
 
 
-def _is_joined(handle: Any) -> bool:
-    """Whether a handle of a legend shows the line of its series."""
-    return isinstance(handle, mpl.lines.Line2D) and handle.get_linestyle() != "None"
-
-
 def _name_ticks(axes: Any, place: int, sheet: Sheet) -> None:
     """Ticks at powers of ten, labelled once where neighbouring panels share them."""
     panel, count = sheet.panels[place], len(sheet.panels)
@@ -262,7 +259,8 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
         (columns, every) for columns in dict.fromkeys(-(-count // r) for r in range(1, count + 1))
     ]
     if len(blocks) > 1:
-        layouts = [(columns, _stacked(blocks, columns)) for columns in range(len(blocks), 0, -1)]
+        stacks = (_stacked(blocks, each) for each in range(1, len(blocks) + 1))
+        layouts = [(len(columns), [*chain(*columns)]) for columns in stacks]
     for columns, listed in layouts:
         texts, handles = zip(*listed, strict=True)
         legend = drawing.legend(
@@ -300,12 +298,11 @@ def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[t
     return blocks
 
 
-def _stacked(blocks: Sequence[list[Any]], columns: int) -> list[Any]:
-    """Entries column by column, in columns of equal heights that no block is split over."""
-    each = -(-len(blocks) // columns)
-    stacks = [sum(blocks[i : i + each], []) for i in range(0, len(blocks), each)]
+def _stacked(blocks: Sequence[list[Any]], each: int) -> list[list[Any]]:
+    """Columns of so many blocks, all of one height."""
+    stacks = [[*chain(*blocks[i : i + each])] for i in range(0, len(blocks), each)]
     tallest = max(map(len, stacks))
-    return [e for stack in stacks for e in (*stack, *[("", _BLANK)] * (tallest - len(stack)))]
+    return [[*stack, *[("", _BLANK)] * (tallest - len(stack))] for stack in stacks]
 
 
 #: Settings of a legend of several groups.
@@ -435,13 +432,9 @@ def _fits(panel: Panel) -> tuple[list[str], list[str]]:
     """
     told = panel.traces if panel.titles and any(t.fit for t in panel.traces) else ()
     log = panel.y_scale == "log"
-    values = ["= 0" if log and t.zeros == len(t.y) else t.fit for t in told]
-    fits = [
-        f"{plain(t.label)} {value}".replace(" ", _FIXED)
-        for t, value in zip(told, values, strict=True)
-        if value
-    ]
-    bare = (re.sub(r" ± [0-9.]+", "", value) for value in values)
+    values = {t.label: "= 0" if log and t.zeros == len(t.y) else t.fit for t in told}
+    fits = [f"{plain(k)}{_FIXED}{v.replace(' ', _FIXED)}" for k, v in values.items() if v]
+    bare = (re.sub(r" ± [0-9.]+", "", value) for value in values.values())
     short = [fit.replace(" ", _FIXED) or "–" for fit in bare]
     zeros = sum(t.zeros for t in panel.traces if t.zeros < len(t.y) or not told)
     if zeros and panel.tell_zeros and log:
