@@ -95,10 +95,7 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
 
 
 def _latex(tables: Sequence[Table], title: str, label: str, legend: Legend) -> str:
-    """A table of alternatives, each under a line that says which, on as many pages as it takes.
-
-    A wide one takes both columns of an article that has two.
-    """
+    """A table of alternatives, each under a line that says which, on as many pages as it takes."""
     headings = tables[0].headings
     # What stays in one line: a formula, and a number with its error.
     bound = [
@@ -137,7 +134,7 @@ def _latex(tables: Sequence[Table], title: str, label: str, legend: Legend) -> s
     ours = [line for line in legend if not line[0] or line[0] in headings]
     caption = " ".join([f"{title}.", *_sentences(ours if tables[0].explained else ())])
     above = [rf"  \caption{{{latex(caption)}}}", rf"  \label{{tab:{label}}}"]
-    # In an article of one column both are the same.
+    # A wide one takes both columns of an article that has two.
     kind = "table*" if sum(widths) > _COLUMN else "table"
     lines = []
     for page in pages:
