@@ -50,6 +50,8 @@ class Number(click.FloatRange):
 def _folder(context: click.Context, option: click.Parameter, folder: Path) -> Path:
     if folder == Path():
         raise click.BadParameter("must name a folder other than the current one")
+    if folder.exists() and not folder.is_dir():
+        raise click.BadParameter(f"must name a folder, and {str(folder)!r} is a file")
     return folder
 
 

@@ -24,7 +24,7 @@ from newmark_cli.newmark.formulation import Formulation, Projection
 from newmark_cli.newmark.integrator import Integrator
 from newmark_cli.newmark.integrator_labels import plain_label
 from newmark_cli.newmark.kept import Kept
-from newmark_cli.newmark.linear.choice import AUTO, DENSE, LINEAR_SOLVERS, Krylov, choose
+from newmark_cli.newmark.linear.choice import AUTO, DENSE, GMRES, LINEAR_SOLVERS, Krylov, choose
 from newmark_cli.newmark.scaling import VARIANTS, Preconditioning, canonical
 from newmark_cli.newmark.scheme import DIRECT, EVALUATIONS, PRECISIONS, Tolerance
 from newmark_cli.newmark.steps import CONSTANT, StepSequence, TimeGrid
@@ -37,6 +37,7 @@ from newmark_cli.study.axis import (
     Axis,
     axes_of,
     axis,
+    formulation_text,
     integrator_text,
     projection_text,
     setting,
@@ -116,6 +117,7 @@ class Cell:
         initial=AUTO,
         since=(0, 2),
         names=LINEAR_SOLVERS,
+        text=lambda label: label.upper() if label == GMRES else label,
         also=lambda label: (AUTO,),
         about="what solves for the corrections; auto: by size",
         shows="what solves for the corrections; `condition` is in the 2-norm with `dense-lu`, and "
@@ -127,6 +129,7 @@ class Cell:
         initial=formulations.CONSTRAINTS,
         since=(4, 4),
         names=formulations.METHODS,
+        text=formulation_text,
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
@@ -166,9 +169,11 @@ class Cell:
         since=(2, 2),
         many=False,
         text=lambda label: (
-            f"tolerance {label}" if label.startswith(("absolute", "relative")) else label
+            label.replace(" ", " tolerance ", 1)
+            if label.startswith(("absolute", "relative"))
+            else label
         ),
-        plain=lambda text: text.removeprefix("tolerance "),
+        plain=lambda text: text.replace(" tolerance ", " "),
         about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
         "field, or on the residual; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "

@@ -112,6 +112,9 @@ _METHODS = {
     "bdf1": "BDF1",
     "bdf2": "BDF2",
 }
+_FORMULATIONS = {"index-": "index ", "ggl": "GGL", "baumgarte": "Baumgarte", "augmented-lagrangian":
+                 "augmented Lagrangian", " rate=": ", α = ", " rate_h=": ", αh = ",
+                 " factor=": ", factor ", " penalty=": ", penalty "}  # fmt: skip
 _PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α", "alpha_m": "α_m",
                "alpha_f": "α_f"}  # fmt: skip
 MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
@@ -134,6 +137,13 @@ def integrator_text(label: str) -> str:
         for name, _, value in pairs
     ]
     return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
+
+
+def formulation_text(label: str) -> str:
+    """A formulation as people write it, such as Baumgarte, αh = 1, from its label."""
+    for ours, theirs in _FORMULATIONS.items():
+        label = label.replace(ours, theirs)
+    return label.removesuffix(".0")
 
 
 def projection_text(label: str) -> str:

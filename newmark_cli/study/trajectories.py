@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from newmark_cli.newmark.kept import DRIFT, KEEPABLE
+from newmark_cli.newmark.kept import DRIFT, ENERGY, KEEPABLE
 from newmark_cli.study import axes, csv_files, csv_rows
 from newmark_cli.study.axes import Cell, SeriesKey
 from newmark_cli.study.cell import DRIFTS, Outcome
@@ -121,32 +121,33 @@ def _read_parquet(path: Path, content: bytes | OSError) -> "pd.DataFrame":
 
 
 def recorded(
-    folder: Path, study: str, kind: str, sizes: Mapping[SeriesKey, float]
+    folder: Path, study: str, wanted: str, sizes: Mapping[SeriesKey, float]
 ) -> tuple[Path, dict[SeriesKey, "pd.DataFrame"]]:
     """The file of a study, and what it has of cells over time, by their series, the start left out.
 
-    A frame has times (s), ascending, as its index.  Columns are multipliers by their constraints,
-    or by numbers in files of older versions, or drifts: ``position``, misfits of Φ (m), and
-    ``velocity``, those of its rate (m/s).
+    A frame has times (s), ascending, as its index.  Columns are components by their names, of
+    multipliers by numbers in files of older versions, or drifts: ``position``, misfits of Φ (m),
+    and ``velocity``, those of its rate (m/s).
 
     Args:
         folder, study: The results folder, and the study.
-        kind: history or drift.
+        wanted: What a trajectory keeps: u, lambda, output, drift …
         sizes: Series → step size (s) of the cell.
     """
     path = csv_files.trajectory_path(folder, study)
-    former = folder / kind / path.name  # of versions before 0.4
+    former = folder / ("drift" if wanted == DRIFT else "history") / path.name  # before 0.4
     content = csv_files.read(folder / path.name, series=True)[former]
     if isinstance(content, FileNotFoundError):
         frame = read(folder, study)
     else:
         path, frame = former, parse(former, content)
-    wanted, listed = ("lambda", ()) if kind == "history" else (DRIFT, DRIFTS)
     # Files of older versions number the multipliers, lambda_1, or have drifts by their names.
-    columns = [n for n in frame.columns if n in listed or n.startswith((f"{wanted}[", "lambda_"))]
+    listed = DRIFTS if wanted == DRIFT else (ENERGY,) if wanted == ENERGY else ()
+    older = ("lambda_",) if wanted == "lambda" else ()
+    columns = [n for n in frame.columns if n in listed or n.startswith((f"{wanted}[", *older))]
     if not columns:
         raise ResultsError(f"{path}, line 1: no columns {wanted}[…]; run it with 'keep: {wanted}'")
-    names = {name: name.removeprefix(wanted).strip("[]_") for name in columns}
+    names = {name: name.removeprefix(wanted).strip("[]_") or name for name in columns}
     kept = frame.loc[frame["step"] > 0]
     found = {}
     for key, h in sizes.items():

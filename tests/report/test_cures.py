@@ -49,7 +49,7 @@ def test_drifts_of_ones_own(cli):
     (figure,) = plot.chosen((), given).figures
     panels = sheets.sheet(figure, given).panels
     assert [(panel.title, [trace.label for trace in panel.traces]) for panel in panels] == [
-        ("position", ["index-1", "ggl"]), ("velocity", ["index-1", "ggl"]),
+        ("position", ["index 1", "GGL"]), ("velocity", ["index 1", "GGL"]),
     ]  # fmt: skip
     assert all(len(trace.x) == 10 for panel in panels for trace in panel.traces)
     rows, kept = (rows_in(cli.folder / f"results/{n}.csv") for n in ("trajectory/mine", "mine"))

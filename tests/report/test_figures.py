@@ -110,12 +110,12 @@ def test_study_figures_draw_the_csv(tmp_path, figure):
         assert sheet.columns == 3
 
 
-def test_sensitivities_have_a_panel_for_each_block(committed_results):
-    """Unknowns down, row blocks across; slopes in the panels, and lines through the points."""
+def test_sensitivities_have_a_panel_for_each_unknown(committed_results):
+    """Scalings down, unknowns across; row blocks are its series, V without a value but for v."""
     figure = FIGURES["sensitivity"]
     given = committed_results("sensitivity")
     sheet = sheets.sheet(figure, given)
-    assert (len(sheet.panels), sheet.columns) == (16, 4)
+    assert (len(sheet.panels), sheet.columns) == (8, 4)
     by_key = {slope.key: slope for slope in given.slopes}
     series = [by_key[curve.key] for curve in figure.curves]
     drawn = [(panel, trace) for panel in sheet.panels for trace in panel.traces]
@@ -123,14 +123,15 @@ def test_sensitivities_have_a_panel_for_each_block(committed_results):
         ascending = np.argsort(slope.h)
         np.testing.assert_array_equal(trace.x, slope.h[ascending])
         np.testing.assert_array_equal(trace.y, slope.values[ascending])
-        assert trace.label == slope.preconditioning
+        assert trace.label == slope.row_block
         if (slope.values > 0).any():
             assert trace.fit == format_fit(slope.fit)
             assert any(order(line) == pytest.approx(slope.expected) for line in panel.references)
         else:
             assert trace.fit == ""
-    titles = [panel.title for panel in sheet.panels[:4]]
-    assert titles == [f"u, row {row} perturbed" for row in "DVKC"]
+    scalings = ("unscaled", "optimal scaling")
+    titles = [panel.titles for panel in sheet.panels]
+    assert titles == [(scaling, of) for scaling in scalings for of in ("u", "v", "a", "λ")]
 
 
 def test_history_draws_the_largest_multiplier(tmp_path):
@@ -155,12 +156,12 @@ def test_history_draws_the_largest_multiplier(tmp_path):
     low, high = whole.y_limits
     assert low < -1e8 < 1e8 < high
     # Said once, though drawn twice.
-    most = [np.max(np.abs(synthetic.multipliers(c)[1])) for c in figure.curves]
+    most = [np.max(np.abs(synthetic.multipliers(c)[1][:, 1])) for c in figure.curves]
     assert sheet.words == " ".join(
         f"{part}."
         for part in (
             figure.title,
-            *(f"{c.label}: |λ| up to {m:.3g}" for c, m in zip(figure.curves, most, strict=True)),
+            *(f"{c.label}: up to {m:.3g}" for c, m in zip(figure.curves, most, strict=True)),
         )
     )
 

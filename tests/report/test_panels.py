@@ -165,6 +165,38 @@ def test_an_empty_panel_among_others_has_no_frame():
     assert said == [[], ["4 values are exactly 0"], ["no values"]]
 
 
+def test_a_series_of_zeros_beside_others_is_told_by_its_name():
+    """Its entry in the legend has the line that it has in another panel."""
+    zeros = Trace("V", H, np.zeros(4), look(1))
+    panel = Panel((trace(0, "D", fit="1.00 ± 0.01"), zeros), titles=("one",))
+    other = Panel((trace(1, "V"),), titles=("two",))
+    full, short = draw._fits(panel)
+    assert [text.replace("\u00a0", " ") for text in full] == ["D 1.00 ± 0.01", "V = 0"]
+    assert [text.replace("\u00a0", " ") for text in short] == ["1.00", "= 0"]
+    drawing = draw.drawn(Sheet("", (panel, other)))
+    lines = drawing.legends[0].get_lines()
+    assert [line.get_linestyle() for line in lines] == [look(0).linestyle, look(1).linestyle]
+
+
+@pytest.mark.parametrize(("width", "columns"), [(7.0, 3), (3.3, 2), (1.8, 1)])
+def test_groups_of_a_legend_stand_side_by_side_where_there_is_room(width, columns):
+    """No group is split, and columns have one height."""
+    groups = {"one": "abc", "two": "de", "three": "f"}
+    traces = [
+        trace(0, f"{label} as long as names", group=group)
+        for group, labels in groups.items() for label in labels
+    ]  # fmt: skip
+    (legend,) = draw.drawn(Sheet("", (Panel(tuple(traces)),)), (width, None)).legends
+    listed = [text.get_text() for text in legend.get_texts()]
+    assert legend._ncols == columns
+    tall = len(listed) // columns
+    assert [text for text in listed if text in ("one:", "two:", "three:")] == [
+        f"{group}:" for group in groups
+    ]
+    tops = [listed[i * tall] for i in range(columns)]
+    assert tops == {3: ["one:", "two:", "three:"], 2: ["one:", "three:"], 1: ["one:"]}[columns]
+
+
 def test_a_panel_without_a_value():
     """Zeros only: said, nothing drawn but where it would be, no tick that would mean nothing."""
     drawing = draw.drawn(Sheet("", (Panel((Trace("z", H, np.zeros(4), look(0)),)),)))

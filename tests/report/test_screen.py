@@ -209,7 +209,10 @@ def test_markdown_takes_names_as_text():
 
 
 def test_latex_of_long_and_of_wide_tables():
-    """Long ones go on under their number; letters shrink before columns wrap."""
+    """Long ones go on under their number; letters shrink before columns wrap.
+
+    What is wider than one of two columns takes both.
+    """
     rows = tuple((f"row {i}", "−1.03 ± 0.05*") for i in range(60))
     long = Report("t", (Table("Orders", ("name", "u_1"), rows),), study="own").written("latex")
     assert long.count(r"\begin{table}") == long.count(r"\end{table}") == 2
@@ -223,4 +226,5 @@ def test_latex_of_long_and_of_wide_tables():
         row = ("a " * (letters // 2),) * 4
         text = Report("t", (Table("Wide", row, (row,)),)).written("latex")
         assert rf"\{size}" in text
+        assert text.count(r"\begin{table*}") == text.count(r"\end{table*}") == 1
         assert r"\begin{tabular}{@{}" + columns in text

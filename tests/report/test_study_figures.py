@@ -1,77 +1,20 @@
 """Figures of any study: what results arrange by themselves, and what a config defines."""
 
-import csv
 import dataclasses
-import io
-import itertools
-import json
 
 import numpy as np
+import pandas as pd
 import pytest
-import synthetic
 from conftest import QUICK
+from own_study import DAMPED, TRAPEZOIDAL, H, cells, row, table, written
 
 from newmark_cli.report.drawing import automatic, draw, plot, sheets
-from newmark_cli.report.drawing.sheets import Results
-from newmark_cli.report.judging.slopes import collect
-from newmark_cli.report.judging.verdicts import MISS
 from newmark_cli.report.reading.choosing import Choice
 from newmark_cli.report.reading.figures import FIGURES
-from newmark_cli.report.tables import study_tables
-from newmark_cli.study import csv_files
-from newmark_cli.study.entries import TableConfig
+from newmark_cli.report.reading.words import unit
+from newmark_cli.study.axes import value_text
+from newmark_cli.study.csv_files import HISTORY_COLUMNS
 from newmark_cli.support.errors import InputError
-
-TRAPEZOIDAL, DAMPED = "newmark beta=0.25 gamma=0.5", "generalized-alpha rho=0.9"
-H = (1e-1, 1e-2, 1e-3, 1e-4)
-
-
-def row(h, value, **columns):
-    """Row of a study `mine`, whatever the columns do not say as usual."""
-    usual = {
-        "study": "mine", "problem": "hoist.yaml", "preconditioning": "optimal", "quantity": "u",
-        "measure": "error", "steps": round(1 / h), "rounding": 1e-16,
-    }  # fmt: skip
-    return synthetic.row(value, h=h, **usual | columns)
-
-
-def table(order=2.0, h=H, **given):
-    """Rows for every combination of the columns' values, each a power law of its own."""
-    lists = {key: value if isinstance(value, list) else [value] for key, value in given.items()}
-    return [
-        row(step, (1 + i) * step**order, **dict(zip(lists, values, strict=True)))
-        for i, values in enumerate(itertools.product(*lists.values()))
-        for step in h
-    ]
-
-
-def written(folder, rows, record=None):
-    """Results with these rows, and a record that says no more than it must."""
-    studies = {}
-    for one in rows:
-        studies.setdefault(one["study"], []).append(one)
-    folder.mkdir(parents=True, exist_ok=True)
-    for study, ours in studies.items():
-        text = csv_files.csv_text(csv_files.COLUMNS, ours)
-        (folder / f"{study}.csv").write_text(text)
-        if record is not None:
-            (folder / f"{study}.json").write_text(json.dumps({"study": study} | record))
-    return Results(folder, collect(folder))
-
-
-def cells(rows, operations):
-    """Record of the cells of rows: their operations, and a tenth of that in seconds."""
-    names = (
-        "problem", "integrator", "form", "preconditioning", "evaluation", "precision",
-        "linear_solver", "stop", "h", "steps",
-    )  # fmt: skip
-    return {
-        "cells": [
-            {name: one[name] for name in names}
-            | {"operations": operations(one), "march_seconds": operations(one) / 10}
-            for one in rows
-        ]
-    }
 
 
 def drawn(given, *definitions, **options):
@@ -171,6 +114,122 @@ def test_row_blocks_are_panels_and_the_start_is_apart(tmp_path):
     assert "at the start" not in along.title
 
 
+def test_changes_one_at_a_time_have_two_panels(tmp_path):
+    """Those of the axis with most values, and all others; both begin with what is changed."""
+    labels = ["index-3", "index-2", "index-1", "ggl", "baumgarte rate_h=1.0"]
+    rows = [
+        *table(preconditioning="none", formulation=labels),
+        *table(preconditioning=["left", "optimal"], formulation="index-3"),
+        *table(preconditioning="none", formulation="index-3", projection="velocity",
+               multipliers="recovered"),
+    ]  # fmt: skip
+    given = written(tmp_path, rows)
+    (figure,) = drawn(given).values()
+    assert [(p.titles, p.group, [c.label for c in p.curves]) for p in figure.parts] == [
+        (("formulation",), "formulation",
+         ["index 3", "index 2", "index 1", "GGL", "Baumgarte, αh = 1"]),
+        (("preconditioning, projection",), "preconditioning, projection",
+         ["index 3", "index 3, left", "index 3, optimal",
+          "index 3, velocity projection, recovered λ"]),
+    ]  # fmt: skip
+    first, second = sheets.sheet(figure, given).panels
+    assert first.traces[0].y.tolist() == second.traces[0].y.tolist()
+    assert [trace.look for trace in first.traces[:4]] == [trace.look for trace in second.traces]
+    drawing = draw.drawn(sheets.sheet(figure, given), (3.3, None))
+    headings = [t.get_text() for t in drawing.legends[0].get_texts() if t.get_style() == "italic"]
+    assert headings == ["formulation:", "preconditioning, projection:"]
+
+
+@pytest.mark.parametrize(("axis", "value", "text"), [
+    ("formulation", "index-2", "index 2"),
+    ("formulation", "baumgarte rate=1000.0", "Baumgarte, α = 1000"),
+    ("formulation", "augmented-lagrangian factor=2.5", "augmented Lagrangian, factor 2.5"),
+    ("linear_solver", "gmres", "GMRES"),
+    ("stop", "relative 0.001", "relative tolerance 0.001"),
+])  # fmt: skip
+def test_values_are_written_as_in_the_field(axis, value, text):
+    assert value_text(axis, value) == text
+
+
+def kept(folder, integrators, **components):
+    """Trajectories of three steps of 0.1 s: column → the values of each integrator."""
+    rows = table(measure="trajectory", integrator=integrators, h=(0.1,))
+    for one in rows:
+        one["quantity"] = "output"
+    given = written(folder, rows)
+    parts = [
+        {"study": "mine", "problem": "hoist.yaml", "form": "u-lambda", "preconditioning": "optimal",
+         "evaluation": "direct", "precision": "float64", "linear_solver": "dense-lu",
+         "integrator": integrator, "h": 0.1, "step": step, "t": 0.1 * step}
+        | {name: (1 + i) * values[step] for name, values in components.items()}
+        for i, integrator in enumerate(integrators) for step in range(4)
+    ]  # fmt: skip
+    (folder / "trajectory").mkdir()
+    frame = pd.DataFrame(parts)
+    columns = [*HISTORY_COLUMNS, *components]
+    frame[columns].to_csv(folder / "trajectory/mine.csv", index=False)
+    return given
+
+
+OUTPUTS = {"output[A.force.x]": [0, 1, 2, 3], "output[A.force.y]": [0, 5, -5, 1],
+           "output[P.x]": [0, 0.1, 0.1, 0.2], "output[A.angle]": [9, 1, 1, 1]}  # fmt: skip
+
+
+def test_a_trajectory_is_drawn_over_time_with_a_panel_for_each_unit(tmp_path):
+    """One step size is enough; the start is left out; what varies most comes first."""
+    given = kept(tmp_path, [DAMPED], **OUTPUTS)
+    (figure,) = plot.chosen(["mine"], given).figures
+    assert figure.name == "mine-hoist-u-lambda-trajectory-output"
+    assert figure.title.endswith(": output over time")
+    sheet = sheets.sheet(figure, given)
+    assert [(p.y_label, [t.label for t in p.traces]) for p in sheet.panels] == [
+        ("output (N)", ["A.force.y", "A.force.x"]), ("output (m)", ["P.x"]),
+        ("output (rad)", ["A.angle"]),
+    ]  # fmt: skip
+    forces, places, angles = sheet.panels
+    assert forces.traces[0].x == pytest.approx([0.1, 0.2, 0.3])
+    assert [trace.y.tolist() for trace in forces.traces] == [[5, -5, 1], [1, 2, 3]]
+    assert forces.y_limits == pytest.approx((-5.5, 5.5))
+    assert angles.y_limits == pytest.approx((0.5, 1.5))
+    assert places.traces[0].group == "m"
+    assert sheet.note == "$h$ = 0.1 s"
+    draw.drawn(sheet)
+
+
+def test_several_curves_over_time_show_one_component_of_each_unit(tmp_path):
+    """Where one goes much farther than the last, a panel below has all of it."""
+    given = kept(tmp_path, [DAMPED, "bdf2"], **OUTPUTS)
+    (figure,) = plot.chosen(["mine"], given).figures
+    sheet = sheets.sheet(figure, given)
+    assert [p.y_label for p in sheet.panels] == ["A.force.y (N)", "P.x (m)", "A.angle (rad)"]
+    for panel, values in zip(sheet.panels, ([5, -5, 1], [0.1, 0.1, 0.2], [1, 1, 1]), strict=True):
+        assert [t.label for t in panel.traces] == ["generalized-α (ρ∞ = 0.9)", "BDF2"]
+        for times, trace in enumerate(panel.traces, 1):
+            assert trace.y == pytest.approx(times * np.array(values))
+    swapped = dataclasses.replace(
+        figure, parts=(dataclasses.replace(figure.parts[0], curves=figure.curves[::-1]),)
+    )
+    sheet = sheets.sheet(swapped, given)
+    assert [(p.y_label, p.y_scale) for p in sheet.panels[:2]] == [
+        ("A.force.y (N)", "linear"), ("A.force.y (N)", "symlog"),
+    ]  # fmt: skip
+    assert sheet.panels[1].y_limits == pytest.approx((-11, 11))
+
+
+@pytest.mark.parametrize(("quantity", "name", "found"), [
+    ("u", "P.x", "m"), ("v", "crank.angle", "rad/s"), ("a", "top.origin.z", "m/s²"),
+    ("v", "top.d2.x", "1/s"), ("output", "rod.omega.x", "rad/s"), ("output", "A.moment.y", "N m"),
+    ("output", "force.x", "m"), ("energy", "energy", "J"), ("lambda", "bars.rod", "SI units"),
+    ("u", "1", "SI units"),
+])  # fmt: skip
+def test_units_of_components(quantity, name, found):
+    """By their names; a point may be called as a kind of output."""
+    curve = FIGURES["15"].curves[0]
+    named = {**curve.key.named(), "quantity": quantity}
+    assert unit(type(curve)("", **named), name) == found
+    assert unit(type(curve)("", **{**named, "problem": "pendulum"}), name) == "dimensionless"
+
+
 def test_one_step_size_is_not_enough(tmp_path):
     """A series needs two with a value: zero is one, nothing is none."""
     rows = [
@@ -195,8 +254,8 @@ def test_titles_say_what_all_series_have_in_common(tmp_path):
     )  # fmt: skip
     (figure,) = drawn(written(tmp_path, rows)).values()
     assert figure.title == (
-        "hoist, (u, λ) form, half scaling, HHT (α = 0.1), compensated, gmres, "
-        "tolerance absolute 1e-08: error of u"
+        "hoist, (u, λ) form, half scaling, HHT (α = 0.1), compensated, GMRES, "
+        "absolute tolerance 1e-08: error of u"
     )
     assert figure.name == "mine-hoist-u-lambda-error-u"
 
@@ -474,205 +533,6 @@ def test_a_shipped_figure_is_drawn_whole_or_not_at_all(committed_results):
     assert [curve.preconditioning for curve in figure.curves] == ["optimal"]
     with pytest.raises(InputError, match="nothing to draw"):
         plot.chosen(["1"], given, choice)
-
-
-STUDY = QUICK.replace("h: [1e-1, 1e-2]", "h: [1e-1, 3e-2, 1e-2]\nmeasure: [condition, error]")
-STUDY = STUDY.replace("study: quick", "study: mine").replace("form: ", "description: x\nform: ")
-
-
-@pytest.fixture
-def mine(cli):
-    """The command line where a study of one's own was run."""
-    variants = {"problem": "pendulum", "preconditioning": ["none", "optimal"]}
-    errors = table(**variants)
-    written(
-        cli.folder / "results",
-        [*errors, *table(-4.0, measure="condition", quantity="jacobian", **variants)],
-        cells(errors, lambda one: 1 / one["h"]),
-    )
-    return cli
-
-
-def files(cli):
-    return sorted(path.name for path in (cli.folder / "results/figures").iterdir())
-
-
-def test_plot_draws_a_study_of_ones_own(mine):
-    """All of it without names; by its name the same; a wrong name in one line."""
-    done = mine("plot")
-    stems = [f"mine-pendulum-u-lambda-{what}" for what in ("condition", "error-u")]
-    expected = [f"results/figures/{stem}.png" for stem in stems]
-    assert done.stdout.split() == expected
-    assert "mine: not drawn: mine-pendulum-u-lambda-work-precision-u; name one" in done.stderr
-    assert files(mine) == sorted(path.split("/")[-1] for path in expected)
-    assert (mine.folder / "results/slopes.csv").exists()
-    line = mine.refused("plot", "mime")
-    assert "unknown figure or study 'mime'; did you mean 'mine'? allowed: 1, 2," in line
-    line = mine.refused("plot", "pendulum-v")
-    assert "results/pendulum-v.csv: no results; run 'newmark-study run pendulum-v' first" in line
-
-
-def test_formats_and_sizes(mine):
-    """PDF with the same bytes each time, as large as asked for; all else is refused."""
-    arguments = ("plot", "mine", "--measure", "condition", "--size", "4x3", "--format")
-    mine(*arguments, "pdf,png")
-    pdf, png = ((mine.folder / "results/figures" / name).read_bytes() for name in files(mine))
-    mine(*arguments, "pdf")
-    assert (mine.folder / "results/figures" / files(mine)[0]).read_bytes() == pdf
-    assert pdf.startswith(b"%PDF")
-    assert b"CreationDate" not in pdf
-    assert b"/MediaBox [ 0 0 288 216 ]" in pdf
-    assert [int.from_bytes(png[at : at + 4], "big") for at in (16, 20)] == [1200, 900]
-    line = mine.refused("plot", "--format", "png,eps")
-    assert "unknown format 'eps'; allowed: png, svg, pdf" in line
-    assert "unknown format 'pgf'; it is gone: LaTeX includes pdf" in mine.refused(
-        "plot", "--format", "pgf"
-    )
-    for size in ("x4", "0.1x3", "4x99"):
-        assert f"given '{size}'" in mine.refused("plot", "mine", "--size", size)
-    assert "inches has no room" in mine.refused("plot", "mine", "--size", "1x1")
-
-
-def test_styles(mine):
-    """Settings of a file stand over those of the project; what is none is refused in one line."""
-    mine.write("wide.mplstyle", "axes.facecolor: 00ff00\nsavefig.dpi: 50\nsvg.hashsalt: x\n")
-    chosen = ("plot", "mine", "--measure", "condition", "--format", "svg,png", "--style")
-    mine(*chosen, "wide.mplstyle")
-    first = (mine.folder / "results/figures/mine-pendulum-u-lambda-condition.svg").read_bytes()
-    assert b"#00ff00" in first
-    png = (mine.folder / "results/figures/mine-pendulum-u-lambda-condition.png").read_bytes()
-    assert int.from_bytes(png[16:20], "big") == 175
-    mine(*chosen[:-2], "svg", "--style", "wide.mplstyle")
-    again = (mine.folder / "results/figures/mine-pendulum-u-lambda-condition.svg").read_bytes()
-    assert first == again
-    assert "--style no.mplstyle: cannot be read" in mine.refused(*chosen, "no.mplstyle")
-    for text in ("no colon here\n", "axes.facecolour: red\n", "lines.linewidth: wide\n"):
-        mine.write("bad.mplstyle", text)
-        line = mine.refused(*chosen, "bad.mplstyle")
-        assert "--style bad.mplstyle: not a style of matplotlib: " in line
-
-
-def test_a_numbered_figure_of_ones_own(cli):
-    """Series one by one, in panels with titles; `plot` knows it by its number."""
-    cli.write(
-        "mine.yaml",
-        STUDY.replace("3e-2", "2e-2")
-        + """\
-preconditioning: [none, optimal]
-evaluation: [direct, compensated]
-figures:
-  - figure: 7a
-    title: What compensation changes
-    measure: error
-    quantity: [u, lambda]
-    problem: pendulum
-    form: u-lambda
-    panels: quantity
-    note: one pendulum
-    curves:
-      - {label: plain, panel: direct, preconditioning: none}
-      - {label: best, panel: compensated, preconditioning: optimal, evaluation: compensated}
-  - {measure: condition, evaluation: direct}
-""".replace("preconditioning: [none, optimal]\n", "", 1),
-    )
-    cli("run", "mine.yaml")
-    assert cli("plot", "7a", "--format", "svg").stdout == "results/figures/figure-7a.svg\n"
-    given = Results(cli.folder / "results", collect(cli.folder / "results"))
-    (figure,) = plot.chosen(["7a"], given).figures
-    sheet = sheets.sheet(figure, given)
-    assert sheet.title == "What compensation changes"
-    assert sheet.heading.startswith("one pendulum")
-    assert [(p.title, [t.label for t in p.traces]) for p in sheet.panels] == [
-        ("u, direct", ["plain"]), ("u, compensated", ["best"]),
-        ("λ, direct", ["plain"]), ("λ, compensated", ["best"]),
-    ]  # fmt: skip
-    assert files(cli) == ["figure-7a.svg"]
-    drawn_ = plot.chosen((), given).figures
-    assert [figure.name for figure in drawn_] == ["7a", "mine-pendulum-u-lambda-condition"]
-
-
-def test_tables_of_ones_own(mine):
-    """Rows and columns by axis, values and series as chosen, in every format."""
-    printed = mine("tables", "mine", "--rows", "preconditioning", "--columns", "quantity",
-                   "--format", "latex").stdout  # fmt: skip
-    assert printed.count(r"\begin{tabular}{@{}ll@{}}") == 2
-    assert r"    none & 2: 2.00~$\pm$~0.01 \tabularnewline" in printed
-    assert r"\label{tab:mine-error}" in printed
-    # Alternatives stand in one table, each under its name.
-    printed = mine("tables", "mine", "--rows", "quantity", "--columns", "measure",
-                   "--format", "latex").stdout  # fmt: skip
-    assert printed.count(r"\begin{table}") == 1
-    assert r"    \multicolumn{3}{l}{\itshape optimal} \tabularnewline" in printed
-    markdown = mine("tables", "mine", "--columns", "measure,quantity", "--values", "slope").stdout
-    assert "| preconditioning | error, u | condition, C |" in markdown
-    assert "| optimal | 2.00 | −4.00" in markdown
-    assert mine("tables", "mine", "--format", "csv").stdout.startswith("table,preconditioning,")
-    listed = mine("tables", "mine", "--list", "--measure", "error", "--format", "csv",
-                  "--rows", "preconditioning,quantity").stdout  # fmt: skip
-    rows = list(csv.DictReader(io.StringIO(listed)))
-    assert [row["preconditioning"] for row in rows] == ["none", "optimal"]
-    for row in rows:
-        assert float(row["slope"]) == pytest.approx(2, abs=1e-12)
-        assert (row["quantity"], row["predicted"], row["verdict"]) == ("u", "2.0", "pass")
-
-
-@pytest.mark.parametrize(("options", "told"), [
-    (("--rows", "quantiti"), "--rows: unknown axis 'quantiti'; did you mean 'quantity'?"),
-    (("--values", "slop"), "--values: unknown value 'slop'; did you mean 'slope'?"),
-    (("--columns", "preconditioning"), "--columns: preconditioning already tells"),
-    (("--list", "--columns", "form"), "--columns: --list has none"),
-    (("--quantity", "z"), "--quantity: no series of 'z' in the results"),
-])  # fmt: skip
-def test_wrong_tables(mine, options, told):
-    """What there is not is one line."""
-    assert told in mine.refused("tables", "mine", *options)
-
-
-def test_strongest_of_several_series(tmp_path):
-    """At step sizes that all of them have; its order is the least of theirs."""
-    weak = table(2.0, quantity="u", integrator=DAMPED)
-    strong = table(1.0, quantity="lambda", integrator=DAMPED)
-    given = written(tmp_path, [*weak, *strong[:-1]])
-    column = {"label": "worst", "quantity": ["u", "lambda"]}
-    ((_, ((_, found),)),) = study_tables.groups(
-        given.slopes, TableConfig(rows="problem", headings=[column])
-    )
-    assert found.h.tolist() == sorted({row["h"] for row in strong[:-1]}, reverse=True)
-    assert found.fit.slope == pytest.approx(1)
-    assert found.expected == 2
-    assert found.verdict == MISS
-
-
-def test_tables_of_a_config(cli):
-    """A config defines its tables, column by column too; an axis that is none has its line."""
-    tables = """\
-tables:
-  - {title: Orders, rows: preconditioning, columns: quantity, measure: condition}
-  - title: Mine
-    rows: problem
-    headings:
-      - {label: plain, measure: error, preconditioning: none, quantity: u}
-      - {label: worst, measure: error, preconditioning: none, quantity: [u, lambda]}
-"""
-    study = STUDY.replace("t_end: 1.0", "t_end: 0.3")
-    cli.write("mine.yaml", study + tables)
-    cli("run", "mine.yaml")
-    printed = cli("tables", "mine").stdout
-    assert "### Orders\n\n| preconditioning | C |\n| --- | --- |\n| none | −4: −4.0" in printed
-    assert "### Mine\n\n| problem | plain | worst |\n| --- | --- | --- |\n| pendulum |" in printed
-    values = {
-        name: cli("tables", "mine", "--list", "--measure", "error", "--quantity", name,
-                  "--preconditioning", "none", "--values", "fitted").stdout.split("| ")[-1]
-        for name in ("u", "lambda")
-    }  # fmt: skip
-    assert values["u"].split(" |")[0].rstrip("* ") in printed
-    cli.write("wrong.yaml", study + tables.replace("columns: quantity", "columns: quantiti"))
-    line = cli.refused("validate", "wrong.yaml")
-    assert "quantiti" in line
-    assert "did you mean 'quantity'" in line
-    cli.write("other.yaml", study + tables.replace("measure: condition", "measure: floor"))
-    line = cli.refused("validate", "other.yaml")
-    assert "tables[1].measure: 'floor' is not among the study's" in line
 
 
 def test_a_name_that_is_a_figure_and_a_study_is_the_figure(tmp_path):

@@ -150,7 +150,7 @@ def test_tables_command(cli, committed_folder):
         text = (folder / name).read_text()
         assert not re.search(r"(±|pm) 0\.0*\D", text)
     latex = cli("tables", "--format", "latex").stdout
-    assert latex.count(r"\begin{table}") == latex.count(r"\end{tabular}") == 3
+    assert latex.count(r"\begin{table*}") == latex.count(r"\end{tabular}") == 3
     row = r"$(v, a, \lambda )$ & $\beta h^{2}$ & $\beta h/\gamma $ & -- & 1 & -- & "
     assert row + r"$\gamma /(\beta h)$ & $1/(\beta h^{2})$ & $1/(\beta h^{2})$" in latex
 

@@ -105,7 +105,8 @@ def condition(orders, expected, values=(), **rest):
     ("three points of order 2 do not hide that",
      evidence([2.4e-3, 2.4e-5, 2.4e-7, 2.3e-3, 2.2e-3]), NOT_CONVERGING, ".*"),
     ("garbage is not green", evidence(**GARBAGE), NOT_CONVERGING,
-     "does not fall with h: 1.1 at h = 0.0001, which rounding changes by 1e-15"),
+     "does not fall with h: 1.1 at h = 0.0001, which rounding changes by 1e-15; h may be too "
+     "coarse"),
     ("nor where nothing is predicted", evidence(**GARBAGE, expected=NAN), NOT_CONVERGING, ".*"),
     ("it is if it is rounding", evidence(**GARBAGE, rounding=1.0, expected=NAN), SHOWN,
      "rounding rules at every h"),

@@ -6,6 +6,7 @@ panel apart; the others become panels, or figures of their own where panels woul
 """
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import count
@@ -27,6 +28,8 @@ from newmark_cli.report.reading.figures import (
 )
 from newmark_cli.study import axes
 from newmark_cli.study.axes import is_among, value_text
+from newmark_cli.study.cell import DRIFTS
+from newmark_cli.study.csv_files import trajectory_path
 from newmark_cli.study.entries import FigureConfig
 from newmark_cli.study.measures import FLOOR_OF, OF_OUTPUTS, RECORDS, symbol
 from newmark_cli.study.showable import COMPARABLE, WORK_PRECISION
@@ -48,7 +51,7 @@ LAST = ("physical_correction", "floor", "physical_floor")
 #: Quantities that go without saying: their measures have no other.
 _ONLY = ("jacobian", "newton")
 #: Axis → its value that goes without saying.
-_USUAL = {axis.name: axis.usual for axis in axes.series_axes()}
+_USUAL = {axis.name: axis.usual for axis in axes.series_axes()} | {"preconditioning": "none"}
 
 
 # -- which figures ------------------------------------------------------------------------------
@@ -72,24 +75,31 @@ def figures(
     recorded = results.record(study).get("titles")
     titles = recorded if isinstance(recorded, dict) else {}
     arranged: list[Figure] = []
-    for definition in _usual(ours) if defined is None else defined:
+    kept = results.in_memory is None and any(
+        trajectory_path(results.folder, study, parquet).exists() for parquet in (False, True)
+    )
+    for definition in _usual(ours, kept) if defined is None else defined:
         for kind in () if definition.figure else definition.kinds:
             if not kinds or kind in kinds:
                 slopes = [slope for slope in ours if _shows(definition, kind, slope, spent)]
                 for figure in _arranged(study, definition, kind, slopes, titles):
                     name = free(figure.name, [other.name for other in arranged])
-                    arranged.append(replace(figure, name=name))
+                    of_drift = figure.kind == "history" and figure.curves[0].quantity in DRIFTS
+                    drawn_as = "drift" if of_drift else figure.kind
+                    arranged.append(replace(figure, name=name, kind=drawn_as))
     return arranged
 
 
-def _usual(slopes: Iterable[Slope]) -> list[FigureConfig]:
-    """A definition for each kind of rows, those that matter most first."""
+def _usual(slopes: Iterable[Slope], kept: bool) -> list[FigureConfig]:
+    """A definition for each kind of rows, those that matter most first; over time what is kept."""
     every = {slope.measure for slope in slopes}
     # Predicted floors stand in the figures of what they predict.
     every -= {FLOOR_OF[kind] for kind in every if kind in FLOOR_OF}
     order = dict.fromkeys((*_FIRST, *(name for name in RECORDS if name not in LAST), *LAST))
     return [
-        FigureConfig.model_validate({"measure": kind})
+        FigureConfig.model_validate(
+            {"measure": kind} | ({"kind": "history"} if kept and kind == "trajectory" else {})
+        )
         for kind in order
         if (kind in every and kind not in RETIRED) or kind == WORK_PRECISION
     ]
@@ -120,8 +130,8 @@ def _arranged(
     slopes = sorted(
         slopes, key=lambda s: [_place(values, getattr(s, axis)) for axis, values in order]
     )
-    grids = list(_grids(slopes, definition, kind))
-    for where, series, panels, grid in grids:
+    grids = list(_grids(slopes, definition, kind, titles))
+    for where, varied, series, grid in grids:
         apart = {
             axis: value
             for axis, value in where.items()
@@ -132,7 +142,7 @@ def _arranged(
             name = [definition.name, *map(_slug, apart.values())]
         title = definition.heading
         if title is None:
-            title = _title(where, grid[0][1][0], (*series, *panels), kind, titles)
+            title = _title(where, grid[0][1][0], varied, kind, titles)
         elif title and apart:
             title += ": " + ", ".join(label_of(definition, *pair) for pair in apart.items())
         told = _told_apart(
@@ -140,16 +150,13 @@ def _arranged(
         )
         parts = tuple(
             Part(
-                tuple(
-                    _panel(definition, axis, value, titles)
-                    for axis, value in zip(panels, at, strict=True)
-                    if value
-                ),
+                of_part,
                 tuple(curve_of(definition, told(slope), slope.key.named()) for slope in of_panel),
+                of_part[0] if of_part and series == varied else "",
             )
-            for at, of_panel in grid
+            for of_part, of_panel in grid
         )
-        columns = definition.columns or _columns([at for at, _ in grid])
+        columns = definition.columns or _columns([of_part for of_part, _ in grid])
         stem = "-".join((study, *name))[:180]
         yield figure_of(definition, stem, title, study, parts, columns=columns)
 
@@ -174,14 +181,14 @@ def _place(values: Sequence[str], value: str) -> int:
     return values.index(value if value in values else value.partition("[")[0])
 
 
-#: Series by the values of the axes that tell panels apart.
+#: Titles of panels, and their series.
 _Grid = list[tuple[tuple[str, ...], list[Slope]]]
 
 
 def _grids(
-    slopes: Sequence[Slope], definition: FigureConfig, kind: str
+    slopes: Sequence[Slope], definition: FigureConfig, kind: str, titles: Mapping[str, str]
 ) -> Iterator[tuple[dict[str, str], list[str], list[str], _Grid]]:
-    """Of each figure what it has one of, axis → value; its axes of series and panels; its grid."""
+    """Of each figure what it has one of, axis → value; what it varies; its series; its panels."""
     compared = (*(definition.series or ()), *(definition.panels or ()))
     one_each = [axis for axis in _ONE_EACH if axis not in compared]
     for at, group in grouped(slopes, one_each).items():
@@ -189,52 +196,83 @@ def _grids(
             axis: list(dict.fromkeys(getattr(slope, axis) for slope in group))
             for axis in COMPARABLE
         }
-        series, panels, apart = _axes(group, values, definition, kind)
+        series, panels, apart = _axes(group, values, definition)
         for of_figure, ours in grouped(group, apart).items():
+            where = dict(zip((*one_each, *apart), (*at, *of_figure), strict=True))
+            varied = [*series, *panels]
+            if not compared and (gathered := _gathered(ours, series, panels, kind)):
+                yield where, varied, varied, gathered
+                continue
+            panels = sorted(panels, key=COMPARABLE.index)
             grid = sorted(
                 grouped(ours, panels).items(),
                 key=lambda part: [values[a].index(v) for a, v in zip(panels, part[0], strict=True)],
             )
-            where = dict(zip((*one_each, *apart), (*at, *of_figure), strict=True))
-            yield where, series, panels, grid
+            yield (
+                where,
+                varied,
+                series,
+                [
+                    (
+                        tuple(
+                            _panel(definition, *pair, titles)
+                            for pair in zip(panels, values_of, strict=True)
+                            if pair[1]
+                        ),
+                        of_panel,
+                    )
+                    for values_of, of_panel in grid
+                ],
+            )
+
+
+def _gathered(
+    slopes: Sequence[Slope], series: Sequence[str], panels: Sequence[str], kind: str
+) -> _Grid:
+    """One panel of series that make no grid, or of a scatter; empty where that would be crowded.
+
+    More series have two panels: what differs from the usual one by `series`, and by anything else.
+    """
+    sizes = [len(group) for group in grouped(slopes, panels).values()]
+    is_grid = len(sizes) > 1 and min(sizes) == len(grouped(slopes, series))
+    if (is_grid or set(panels) & set(_PANELS)) and kind != WORK_PRECISION:
+        return []
+    if len(slopes) <= MOST_GATHERED:
+        return [((), list(slopes))]
+    usual = {
+        axis: Counter(getattr(slope, axis) for slope in slopes).most_common(1)[0][0]
+        for axis in (*series, *panels)
+    }
+    changed = [[axis for axis in usual if getattr(s, axis) != usual[axis]] for s in slopes]
+    first = [s for s, by in zip(slopes, changed, strict=True) if not {*by} & {*panels}]
+    others = [s for s, by in zip(slopes, changed, strict=True) if not by or {*by} & {*panels}]
+    if not panels or max(len(first), len(others)) > MOST_GATHERED:
+        return []
+    # Of axes that change together the first is named.
+    also = dict.fromkeys(next(a for a in panels if a in by) for by in changed if {*by} & {*panels})
+    return [
+        ((", ".join(axes.named(axis).title for axis in of_panel),), ours)
+        for of_panel, ours in ((series, first), (also, others))
+    ]
 
 
 def _axes(
     slopes: Sequence[Slope],
     values: Mapping[str, Sequence[str]],
     definition: FigureConfig,
-    kind: str,
 ) -> tuple[list[str], list[str], list[str]]:
     """Axes that tell series apart, panels, and figures."""
     varying = [axis for axis in COMPARABLE if len(values[axis]) > 1]
     panels = list(definition.panels or ())
     series = list(definition.series or _most_varied(values, {*varying} - {*panels}))
     rest = [axis for axis in varying if axis not in (*series, *panels)]
-    if definition.panels is None:
+    if definition.panels is None and definition.kind != "history":  # its panels are units
         # What is least worth comparing becomes figures of their own.
         panels = sorted(rest, key=_preference)
         while panels and len(grouped(slopes, panels)) > MOST_PANELS:
             panels.pop()
     apart = [axis for axis in rest if axis not in panels]
-    arranged = definition.series is None and definition.panels is None
-    if arranged and _is_gathered(slopes, series, panels, apart, kind):
-        return [*series, *panels], [], apart
-    return series, sorted(panels, key=COMPARABLE.index), apart
-
-
-def _is_gathered(
-    slopes: Sequence[Slope],
-    series: Sequence[str],
-    panels: Sequence[str],
-    apart: Sequence[str],
-    kind: str,
-) -> bool:
-    """Whether one panel holds all series: no full grid, or a scatter, and not crowded."""
-    sizes = [len(group) for group in grouped(slopes, [*apart, *panels]).values()]
-    single = min(sizes) < len(grouped(slopes, series)) or len(sizes) == 1
-    single = single and not set(panels) & set(_PANELS)
-    most = max(len(group) for group in grouped(slopes, apart).values())
-    return (single or kind == WORK_PRECISION) and most <= MOST_GATHERED
+    return series, panels, apart
 
 
 def _most_varied(values: Mapping[str, Sequence[str]], varying: set[str]) -> list[str]:
@@ -297,15 +335,17 @@ def _title(
         if common[axis] and common[axis] != _USUAL[axis]:
             parts.append(value_text(axis, common[axis]))
     parts += [value_text("initial", common["initial"])] if common["initial"] else []
-    return f"{', '.join(parts)}: {_subject(where, kind)}"
+    return f"{', '.join(parts)}: {_subject(where, first, kind)}"
 
 
-def _subject(where: Mapping[str, str], kind: str) -> str:
+def _subject(where: Mapping[str, str], first: Slope, kind: str) -> str:
     words, quantity = value_text("measure", kind), where.get("quantity", "")
-    if kind == "condition":
-        words = "condition number"
-    if not quantity or quantity in _ONLY:
+    if quantity in _ONLY:
+        return "condition number" if kind == "condition" else RECORDS[kind].label(first.key)
+    if not quantity:
         return words
+    if kind == "trajectory":
+        return RECORDS[kind].text(first.key)
     of_it = quantity in UNKNOWNS or quantity in OF_OUTPUTS
     return f"{words} of {symbol(quantity)}" if of_it else f"{words}, {quantity}"
 

@@ -10,6 +10,7 @@ import re
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import matplotlib as mpl
@@ -57,7 +58,9 @@ def drawn(
         entries: dict[tuple[str, str], Any] = {}
         for axes, panel in zip(grid, sheet.panels, strict=True):
             for name, handle in _draw(axes, panel, cycle):
-                entries.setdefault(name, handle)
+                # A trace without points has no line to show.
+                if name not in entries or not len(entries[name].get_xdata()):
+                    entries[name] = handle
             for spine in axes.spines.values():
                 spine.set_in_layout(False)  # which would look at all ticks again
             if sheet.grid:
@@ -256,9 +259,8 @@ def _write_legend(drawing: Figure, sheet: Sheet, entries: Mapping[tuple[str, str
         (columns, every) for columns in dict.fromkeys(-(-count // r) for r in range(1, count + 1))
     ]
     if len(blocks) > 1:
-        tallest = max(map(len, blocks))
-        filled = [[*block, *[("", _BLANK)] * (tallest - len(block))] for block in blocks]
-        layouts = [(len(blocks), [entry for block in filled for entry in block]), (1, every)]
+        stacks = (_stacked(blocks, each) for each in range(1, len(blocks) + 1))
+        layouts = [(len(columns), [*chain(*columns)]) for columns in stacks]
     for columns, listed in layouts:
         texts, handles = zip(*listed, strict=True)
         legend = drawing.legend(
@@ -294,6 +296,13 @@ def _blocks(sheet: Sheet, entries: Mapping[tuple[str, str], Any]) -> list[list[t
     ] or [[]]
     blocks[-1] += levels.items()
     return blocks
+
+
+def _stacked(blocks: Sequence[list[Any]], each: int) -> list[list[Any]]:
+    """Columns of so many blocks, all of one height."""
+    stacks = [[*chain(*blocks[i : i + each])] for i in range(0, len(blocks), each)]
+    tallest = max(map(len, stacks))
+    return [[*stack, *[("", _BLANK)] * (tallest - len(stack))] for stack in stacks]
 
 
 #: Settings of a legend of several groups.
@@ -421,12 +430,14 @@ def _fits(panel: Panel) -> tuple[list[str], list[str]]:
 
     In full slopes have labels and standard errors.
     """
-    fitted = [t for t in panel.traces if t.fit and panel.titles]
-    fits = [f"{plain(t.label)}{_FIXED}{t.fit.replace(' ', _FIXED)}" for t in fitted]
-    bare = (re.sub(r" ± [0-9.]+", "", trace.fit) for trace in panel.traces)
-    short = [fit.replace(" ", _FIXED) or "–" for fit in bare if fitted]
-    zeros = sum(trace.zeros for trace in panel.traces)
-    if zeros and panel.tell_zeros and panel.y_scale == "log":
+    told = panel.traces if panel.titles and any(t.fit for t in panel.traces) else ()
+    log = panel.y_scale == "log"
+    values = {t.label: "= 0" if log and t.zeros == len(t.y) else t.fit for t in told}
+    fits = [f"{plain(k)}{_FIXED}{v.replace(' ', _FIXED)}" for k, v in values.items() if v]
+    bare = (re.sub(r" ± [0-9.]+", "", value) for value in values.values())
+    short = [fit.replace(" ", _FIXED) or "–" for fit in bare]
+    zeros = sum(t.zeros for t in panel.traces if t.zeros < len(t.y) or not told)
+    if zeros and panel.tell_zeros and log:
         fits.append("1 value is exactly 0" if zeros == 1 else f"{zeros} values are exactly 0")
         short.append(f"{zeros} zeros")
     elif panel.empty and not panel.scene:

@@ -99,7 +99,7 @@ class Chosen:
         few: dict[tuple[str, str], Figure] = {}
         for figure in figures:
             first = figure.curves[0]
-            if figure.kind == "orders" and first.measure not in automatic.LAST:
+            if figure.kind != "work" and first.measure not in automatic.LAST:
                 few.setdefault((first.measure, first.quantity), figure)
         rest = [stem(figure) for figure in figures if figure not in few.values()]
         if self.choice or self.choice.everything or not few or not rest:

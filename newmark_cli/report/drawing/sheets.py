@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from newmark_cli.newmark.kept import DRIFT
 from newmark_cli.report.drawing import traces
 from newmark_cli.report.drawing.panels import Look, Panel, Sheet, Trace, look, plain
 from newmark_cli.report.judging.slopes import Slope
 from newmark_cli.report.reading import records
 from newmark_cli.report.reading.figures import Curve, Figure, Part
-from newmark_cli.report.reading.words import power, quantity, scalings
+from newmark_cli.report.reading.words import NO_UNITS, component, power, quantity, scalings, unit
 from newmark_cli.study import axes
 from newmark_cli.study.axes import SeriesKey
 from newmark_cli.study.measures import DRIFT_LABELS, FLOOR_OF
@@ -321,6 +322,8 @@ _OVER_TIME = (
     Look("#56B4E9", linewidth=2.6),
     Look("#000000", linewidth=0.8, linestyle="--"),
 )
+#: Most components that one curve shows.
+_MOST_COMPONENTS = 6
 #: Least drift that is drawn (m, m/s): what is smaller is rounding, or exactly 0.
 _LEAST_DRIFT = 1e-18
 
@@ -333,7 +336,8 @@ def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, "pd.DataFram
     for key in (curve.key for curve in figure.curves):
         smallest = float(series[key].h.min()) if key in series else math.nan
         sizes[key] = figure.h or smallest
-    path, found = recorded(results.folder, figure.study, figure.kind, sizes)
+    wanted = DRIFT if figure.kind == "drift" else figure.curves[0].quantity
+    path, found = recorded(results.folder, figure.study, wanted, sizes)
     missing = [curve.label for curve in figure.curves if curve.key not in found]
     if missing:
         raise lacks(path, figure, missing)
@@ -341,66 +345,74 @@ def _over_time(figure: Figure, results: Results) -> dict[SeriesKey, "pd.DataFram
 
 
 def _history_look(place: int, count: int) -> Look:
-    """Look of a curve: thin for all but the last two of more than three."""
-    if count <= len(_OVER_TIME) or place == 0:
-        return _OVER_TIME[place]
+    """Look of a curve: thin for all but the last two, and a line under a dashed one for these."""
     last = place - count + len(_OVER_TIME)
-    return _OVER_TIME[last] if last > 0 else replace(_OVER_TIME[0], color=look(place + 2).color)
+    if last > 0:
+        return _OVER_TIME[last] if count > 1 else replace(look(0), marker="")
+    return replace(_OVER_TIME[0], color=look(place + 2).color)
 
 
 def _history(figure: Figure, results: Results) -> Sheet:
-    """A multiplier, in the range of the last curve; below it as far as any goes, if farther.
+    """A quantity over time, a panel for each unit; below it as far as any curve goes, if farther.
 
-    Of the multipliers the one of a joint is drawn that is largest in the last curve.
+    Several curves show the component that varies most in the last of them, one all those of a
+    known unit that do.
     """
     over_time = _over_time(figure, results)
-    histories = [over_time[curve.key] for curve in figure.curves]
-    # What keeps a body of directors rigid is no reaction.
-    reaction = np.array(["·" not in name for name in histories[-1].columns])
-    largest = np.max(np.abs(histories[-1].values), axis=0)
-    component = int(np.argmax(np.where(reaction, largest, -1.0)))
-    name = histories[-1].columns[component]
-    of_name = f"_{{{name}}}$" if name.isdigit() else f"$ of {name.removeprefix('bodies.')}"
-    series = tuple(
-        Trace(
-            curve.label,
-            history.index.to_numpy(),
-            history.to_numpy()[:, component],
-            _history_look(place, len(histories)),
-            said=f"{curve.label}: |λ| up to {np.max(np.abs(history.values)):.3g}",
+    first, last, panels = figure.curves[0], over_time[figure.curves[-1].key], []
+    of_unit: dict[str, list[str]] = {}
+    for name in last.columns:
+        if "·" not in name:  # what keeps a body of directors rigid is no reaction
+            of_unit.setdefault(unit(first, name), []).append(name)
+    note = f"$h$ = {step(figure.h or float(results.by_key[first.key].h.min()))} s"
+    for own, names in of_unit.items():
+        varied = (last[names].max() - last[names].min()).nlargest(_MOST_COMPONENTS).index
+        several = len(figure.curves) == 1 and own not in NO_UNITS
+        if several:
+            drawn = [(n, last[n], replace(look(i), marker="")) for i, n in enumerate(varied)]
+        else:
+            drawn = [
+                (curve.label, over_time[curve.key][varied[0]], _history_look(i, len(figure.curves)))
+                for i, curve in enumerate(figure.curves)
+            ]
+        series = tuple(
+            Trace(
+                label, values.index.to_numpy(), values.to_numpy(), its,
+                group=own if several else "", said=f"{label}: up to {values.abs().max():.3g}",
+            )
+            for label, values, its in drawn
+        )  # fmt: skip
+        ruling = series if several else series[-1:]
+        zoomed = Panel(
+            series,
+            "time $t$ (s)",
+            f"{component(first.quantity, '' if several else varied[0])} ({own})",
+            x_scale="linear",
+            y_scale="linear",
+            y_limits=_around(ruling, 0.05 if several else 0.25),
         )
-        for place, (curve, history) in enumerate(zip(figure.curves, histories, strict=True))
-    )
-    span, most = float(np.ptp(series[-1].y)), float(np.max(np.abs(series[-1].y)))
-    zoomed = Panel(
-        series,
-        "time $t$ (s)",
-        rf"$\lambda{of_name} (SI units)",
-        x_scale="linear",
-        y_scale="linear",
-        y_limits=_around(series[-1:], 0.25),
-    )
-    full_range = replace(
-        zoomed,
-        traces=tuple(replace(trace, said="") for trace in series),
-        y_scale="symlog",
-        y_limits=_around(series, 0.05),
-        linthresh=10.0 ** math.floor(math.log10(most)) if most > 0 else 1.0,
-    )
-    h = figure.h or results.by_key[figure.curves[0].key].h.min()
-    note = f"$h$ = {step(float(h))} s"
-    farther = span < 0.8 * max(float(np.ptp(trace.y)) for trace in series)
-    if farther:
-        note += f"; lower panel: linear within ±{step(full_range.linthresh)}"
-    panels = (zoomed, full_range) if farther else (zoomed,)
-    return Sheet(figure.title, panels, note=note, settings=figure.style)
+        panels.append(zoomed)
+        if not several and np.ptp(ruling[0].y) < 0.8 * max(np.ptp(trace.y) for trace in series):
+            most = float(np.max(np.abs(ruling[0].y)))
+            linear = 10.0 ** math.floor(math.log10(most)) if most > 0 else 1.0
+            note += f"; lower panel: linear within ±{step(linear)}"
+            whole = replace(
+                zoomed,
+                traces=tuple(replace(trace, said="") for trace in series),
+                y_scale="symlog",
+                y_limits=_around(series, 0.05),
+                linthresh=linear,
+            )
+            panels.append(whole)
+    return Sheet(figure.title, tuple(panels), note=note, settings=figure.style)
 
 
 def _around(series: Sequence[Trace], margin: float) -> tuple[float, float]:
     """Limits around all values, with a margin relative to their span."""
     low = min(float(np.min(trace.y)) for trace in series)
     high = max(float(np.max(trace.y)) for trace in series)
-    return low - margin * (high - low), high + margin * (high - low)
+    room = margin * (high - low) or 0.5 * abs(high) or 1.0
+    return low - room, high + room
 
 
 def _drift(figure: Figure, results: Results) -> Sheet:

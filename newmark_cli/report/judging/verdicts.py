@@ -47,7 +47,8 @@ _SMALL = 0.1
 _NEXT_TERM = 0.05
 #: Decades that rounding of h may add to a range of it.
 _SAME = 1e-9
-#: Why multipliers are wrong at every h under an integrator without damping.
+#: Why errors may be large, and multipliers wrong at every h without damping.
+_TOO_COARSE = "h may be too coarse"
 ALTERNATES = "the integrator does not damp multipliers that alternate, generalized-alpha does"
 
 
@@ -258,8 +259,9 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
         f"does not fall with h: {value:.2g} at h = {h:g}, which rounding changes by "
         f"{evidence.uncertainty[last] * value:.2g}"
     )
-    reason = joined(reason, ALTERNATES if evidence.undamped else "", evidence.irregular)
-    return _judged(evidence, NOT_CONVERGING, points, reason)
+    coarse = _TOO_COARSE if value > _SMALL and evidence.kind == "truncation" else ""
+    why = ALTERNATES if evidence.undamped else coarse
+    return _judged(evidence, NOT_CONVERGING, points, joined(reason, why, evidence.irregular))
 
 
 def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
@@ -268,7 +270,7 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
         return ""
     least = float(evidence.values[fitted].min())
     if least > _SMALL:
-        return f"errors of {least:.0%} are not small, which orders are about"
+        return f"errors of {least:.0%} are not small, which orders are about; {_TOO_COARSE}"
     # As those of BDF2 near a change point, where an error that ends small has been large.
     if fit.slope > evidence.expected:
         shows = "shows at smaller h" if fitted[-1] else "rounding hides"

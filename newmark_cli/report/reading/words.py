@@ -4,10 +4,11 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+from newmark_cli.newmark.kept import ENERGY, OUTPUT
 from newmark_cli.newmark.monomial import Monomial
 from newmark_cli.newmark.scaling import TABLE_2
 from newmark_cli.study.axes import value_text
-from newmark_cli.study.measures import RECORDS, symbol
+from newmark_cli.study.measures import RECORDS, is_dimensionless, symbol
 
 if TYPE_CHECKING:
     from newmark_cli.report.judging.slopes import Slope
@@ -65,3 +66,34 @@ def power(base: str, exponent: str) -> str:
 def quantity(series: "Slope | Curve") -> str:
     """The quantity that a series measures, in the field's symbols."""
     return RECORDS[series.measure].text(series.key) if series.measure else "(failed)"
+
+
+#: What stands for a unit where none is known, and where there is none.
+NO_UNITS = SI, DIMENSIONLESS = "SI units", "dimensionless"
+#: Last word of a component, before its axis → its unit.
+_UNITS = {"force": "N", "moment": "N m", "omega": "rad/s", "angle": "rad", "distance": "m",
+          "origin": "m", "d1": "1", "d2": "1", "d3": "1", ENERGY: "J"}  # fmt: skip
+_RATES = {"v": "/s", "a": "/s²"}
+
+
+def unit(of: "Curve", name: str) -> str:
+    """Unit of a component of what a trajectory has of u, v, a, λ, the energy or outputs.
+
+    Multipliers have that of their constraint, which a name does not say.
+    """
+    *words, last = name.split(".")
+    place = last in ("x", "y", "z")
+    word = words[-1] if place and len(words) > 1 else last
+    if is_dimensionless(of.problem):
+        return DIMENSIONLESS
+    if of.quantity == "lambda" or not (place or word in _UNITS):
+        return SI
+    return _UNITS.get(word, "m") + _RATES.get(of.quantity, "")
+
+
+def component(quantity: str, name: str = "") -> str:
+    """A component of a trajectory in the field's symbols, or all of them."""
+    if quantity in (ENERGY, OUTPUT):
+        return name or quantity
+    math = rf"$\{quantity}$" if quantity == "lambda" else f"${quantity}$"
+    return math + (f" of {name.removeprefix('bodies.')}" if name else "")

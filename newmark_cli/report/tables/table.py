@@ -13,6 +13,8 @@ from newmark_cli.support import files
 #: Size of letters in LaTeX, how many of them the text of an article has in a line, and how many a
 #: table may have: wide ones stand out into both margins, and columns of wider ones wrap.
 _SIZES = (("footnotesize", 80, 90), ("scriptsize", 90, 118), ("tiny", 86, 140))
+#: Letters that a column of a two-column article has in a line, of the first size.
+_COLUMN = 40
 #: Lines of a table on a page.
 _PAGE = 45
 #: What LaTeX writes itself.
@@ -129,14 +131,15 @@ def _latex(tables: Sequence[Table], title: str, label: str, legend: Legend) -> s
                 pages.append([])
                 room = _PAGE
             pages[-1].append(row(entries))
-    title = f"{title[:1].upper()}{title[1:]}"
     ours = [line for line in legend if not line[0] or line[0] in headings]
     caption = " ".join([f"{title}.", *_sentences(ours if tables[0].explained else ())])
     above = [rf"  \caption{{{latex(caption)}}}", rf"  \label{{tab:{label}}}"]
+    # A wide one takes both columns of an article that has two.
+    kind = "table*" if sum(widths) > _COLUMN else "table"
     lines = []
     for page in pages:
         lines += [
-            r"\begin{table}",
+            rf"\begin{{{kind}}}",
             *above,
             rf"  \{size}",
             r"  \setlength{\tabcolsep}{3pt}\smallskip",
@@ -147,7 +150,7 @@ def _latex(tables: Sequence[Table], title: str, label: str, legend: Legend) -> s
             *page,
             r"    \hline",
             r"  \end{tabular}}",
-            r"\end{table}",
+            rf"\end{{{kind}}}",
             "",
         ]
         above = [r"  \addtocounter{table}{-1}", rf"  \caption{{{latex(title)}, continued.}}"]
@@ -238,16 +241,15 @@ class Report:
         groups: dict[tuple[str, tuple[str, ...]], list[Table]] = {}
         for table in self.tables:
             groups.setdefault((table.of or table.title, table.headings), []).append(table)
-        titled = []
+        titled, labels = [], []
         for (of, _), tables in groups.items():
             title = of if len(tables) > 1 else tables[0].title
-            if of == self.study != title:
-                title = f"{of}, {title}"
-            titled.append((_NUMBER.sub("", title), tables))
-        labels = [
-            "-".join((self.study or self.name, *_SLUG.findall(title.removeprefix(self.study))))
-            for title, _ in titled
-        ]
+            title = _NUMBER.sub("", title)
+            own = title.removeprefix(self.study)
+            labels.append("-".join((self.study or self.name, *_SLUG.findall(own))))
+            if self.study and self.study in (of, title):
+                title = f"study {self.study}" + (f": {title}" if title != self.study else "")
+            titled.append((f"{title[:1].upper()}{title[1:]}", tables))
         return "\n".join(
             _latex(tables, title, f"{label}-{i}" if labels.count(label) > 1 else label, self.legend)
             for i, (label, (title, tables)) in enumerate(zip(labels, titled, strict=True), 1)
