@@ -299,10 +299,11 @@ def test_exchanged_columns_and_degrees_are_undone():
         },
     }  # fmt: skip
     table = cart(document)
-    for name in ("u[arm.angle]", "v[arm.angle]"):
-        table[name] = np.degrees(table[name])
+    table["u[arm.angle]"] = np.degrees(table["u[arm.angle]"])
+    table["v[arm.angle]"] *= 30 / np.pi
     found = judged(table, document, **BDF2)
     assert not found.faults
+    assert any("v of arm.angle is taken to be in revolutions per m" in one for one in found.notes)
     assert any("u of arm.angle is taken to be in degrees" in note for note in found.notes)
     table = cart().assign(**{"u[P.x]": 1e3 * cart()["u[P.x]"]})
     found = judged(table, CART, **BDF2)
