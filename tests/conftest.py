@@ -80,6 +80,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """In this process, and in all that it starts."""
     config.addinivalue_line("markers", "bits(why): needs the last bits of marches as they are")
+    config.addinivalue_line("markers", "release: takes long for a rare path; .ci/release runs it")
     if (seed := config.getoption("one_ulp")) is not None and "ONE_ULP" not in os.environ:
         path = os.environ.get("PYTHONPATH")
         os.environ |= {
