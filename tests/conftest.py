@@ -296,7 +296,16 @@ def quick(cli):
 
 
 @pytest.fixture
-def few_draws(monkeypatch):
+def of_float64(monkeypatch):
+    """Advice on double precision only: marches in the other take half a minute to compile."""
+    from newmark_cli.advice import advising, sections
+
+    for module in (advising, sections):
+        monkeypatch.setattr(module, "PRECISIONS", ("float64",))
+
+
+@pytest.fixture
+def few_draws(monkeypatch, of_float64):
     """Rounding is drawn less often, for what compares no number with what rounding does."""
     from newmark_cli.advice import linearised
 

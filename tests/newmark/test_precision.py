@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from marching import compiled, formulated, march
 from numba import njit
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import enforcing, kernel, newton
@@ -166,3 +167,13 @@ def test_no_constant_of_the_march_is_in_double():
         constants = [node for node in nodes if isinstance(node, ast.Constant) and node.value]
         found = [node for node in constants if isinstance(node.value, float)]
         assert all([node] in typed for node in found), module
+
+
+@pytest.mark.release
+def test_advice_has_tolerances_of_single_precision():
+    """Those of double times the ratio of their roundings, or about."""
+    found = newmark.advise("pendulum", h=1e-3, integrator="bdf2").tolerances
+    scaled = {(one.unknown, one.precision): one.scaled for one in found}
+    for unknown in ("u", "lambda", "all"):
+        ratio = scaled[unknown, "float32"] / scaled[unknown, "float64"]
+        assert 2**27 < ratio < 2**31
