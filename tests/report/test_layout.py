@@ -108,7 +108,7 @@ def sheet(kind, panels, series, words):
     covering(
         ("orders", "work", "history", "grouped"),
         (1, 4),
-        (2, 8),
+        (2, 6),
         ("short", "long"),
         (3.3, 7.0),
     ),
