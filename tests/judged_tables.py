@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import sys
+from contextlib import contextmanager
 from unittest import mock
 
 import numpy as np
@@ -58,13 +59,11 @@ def solved_once(problem, t_end, *, force=None, **how):
     return SOLVED[key]
 
 
-def judged(table, problem, among=("",), **options):
-    """What `judge` says; to fit each of up to 70 changes, each solved anew, is most of its time.
+@contextmanager
+def fitted(among):
+    """Where only those changes are fitted whose names have one of some words.
 
-    Args:
-        table, problem, **options: As of `judge`.
-        among: Words of those changes of a number, a term or a force that are fitted; all when
-            omitted.
+    To fit each of up to 70, which is to solve the mechanism anew, is most of what `judge` does.
     """
     every = changes.candidates
 
@@ -75,6 +74,12 @@ def judged(table, problem, among=("",), **options):
         np.errstate(all="ignore"),
         mock.patch.multiple(changes, Truth=solved_once, candidates=some),
     ):
+        yield
+
+
+def judged(table, problem, among=("",), **options):
+    """What `judge` says where some changes are fitted; all when omitted."""
+    with fitted(among):
         return newmark.judge(table, problem, **options)
 
 
