@@ -22,7 +22,7 @@ def push_along_the_rod(t, u, v):
     [
         (lambda t, u, v: np.array([-1.5 * np.tanh(v[0] / 1e-3), 0, 0, 0]), [""],
          "dry friction of C, 1.5 N: this alone"),
-        (lambda t, u, v: np.array([0, 0, 0, 5.0]), ["further force", "mass"],
+        (lambda t, u, v: np.array([0, 0, 0, 5.0]), [""],
          "a further force on P along y, 5 N: this alone"),
         (lambda t, u, v: np.array([0, 0, 0, 0.6 * 9.81]), ["weight", "mass"],
          "the weight of points.P left out"),

@@ -151,6 +151,7 @@ def test_formulations_are_told_in_single_precision(formulation):
     numbers = {name: value for part in plan for name, value in part._asdict().items()}
     doubles = {name for name, value in numbers.items() if np.asarray(value).dtype == np.float64}
     assert doubles == {"settled_below", "limits", "times"}
+    assert numbers["settled_below"] == np.sqrt(np.finfo(np.float32).eps)
     kinds = {name: np.asarray(value).dtype for name, value in extra._asdict().items()}
     assert {name for name, kind in kinds.items() if kind == np.float32} == {
         "rows", "eta", "rows_eta", "inertia", "penalty", "acting", "unit", "projector_values",
