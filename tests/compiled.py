@@ -30,7 +30,6 @@ PARTS = (
     ),
     lambda: (
         march("pendulum").energy,
-        march("pendulum", precision="float32"),
         newmark_cli.problem(f"{CAR_AXIS}:car_axis", compiled=False),
     ),
 )

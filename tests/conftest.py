@@ -80,6 +80,7 @@ def pytest_addoption(parser):
 def pytest_configure(config):
     """In this process, and in all that it starts."""
     config.addinivalue_line("markers", "bits(why): needs the last bits of marches as they are")
+    config.addinivalue_line("markers", "release: takes long for a rare path; .ci/release runs it")
     if (seed := config.getoption("one_ulp")) is not None and "ONE_ULP" not in os.environ:
         path = os.environ.get("PYTHONPATH")
         os.environ |= {
@@ -295,7 +296,16 @@ def quick(cli):
 
 
 @pytest.fixture
-def few_draws(monkeypatch):
+def of_float64(monkeypatch):
+    """Advice on double precision only: marches in the other take half a minute to compile."""
+    from newmark_cli.advice import advising, sections
+
+    for module in (advising, sections):
+        monkeypatch.setattr(module, "PRECISIONS", ("float64",))
+
+
+@pytest.fixture
+def few_draws(monkeypatch, of_float64):
     """Rounding is drawn less often, for what compares no number with what rounding does."""
     from newmark_cli.advice import linearised
 

@@ -25,6 +25,8 @@ from newmark_cli.newmark.jacobian import scaling_factors
 from newmark_cli.newmark.noise import carried
 from newmark_cli.support import matrices
 
+pytestmark = pytest.mark.usefixtures("of_float64")
+
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/matrices.py"
 #: Of β and γ, far from those of the trapezoidal rule.
 BETA, GAMMA = 0.3, 0.6
@@ -61,12 +63,6 @@ def advise_cli(cli, few_draws):
         return done.stdout
 
     return run
-
-
-@pytest.fixture
-def of_float64(monkeypatch):
-    """Advice on one precision: half of the tolerances."""
-    monkeypatch.setattr(advising, "PRECISIONS", ("float64",))
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +117,7 @@ def test_file_folder_and_dict_say_the_same(example, double, advise_cli):
         assert json.loads(json.dumps(of_arrays[key])) == json.loads(json.dumps(printed[key])), key
 
 
-@pytest.mark.usefixtures("without_noise", "of_float64")
+@pytest.mark.usefixtures("without_noise")
 def test_a_problem_gives_the_numbers_of_its_own_matrices():
     """Advice on the same mechanism as a document of this package: the same condition numbers."""
     problem = newmark.problem("andrews")
@@ -307,7 +303,7 @@ def finding(advice, word):
     return text
 
 
-@pytest.mark.usefixtures("without_noise", "of_float64", "few_draws")
+@pytest.mark.usefixtures("without_noise", "few_draws")
 def test_tolerances_and_scalings_are_judged():
     """Where they are tested, and what one side leaves: C of order −2, at two step sizes."""
     advise = partial(newmark.advise, newmark.problem("random-chain", links=5))
@@ -363,7 +359,7 @@ def test_units_that_rule_the_conditioning_are_told_and_mended(double):
     assert found.with_all < 10
 
 
-@pytest.mark.usefixtures("without_noise", "of_float64")
+@pytest.mark.usefixtures("without_noise")
 @pytest.mark.parametrize(("name", "sizes", "h"), [
     ("andrews", {}, 1e-5), ("shaken-pendulum", {}, 1e-4), ("random-chain", {"links": 8}, 1e-4),
 ])  # fmt: skip
@@ -472,7 +468,7 @@ def test_where_no_floor_is_predicted_a_tolerance_cannot_be_judged(cli):
     assert "all unknowns: given twice" in refused.stderr
 
 
-@pytest.mark.usefixtures("few_draws", "of_float64")
+@pytest.mark.usefixtures("few_draws")
 def test_noise_of_the_scheme_as_it_is():
     """Carried on at any h by the trapezoidal rule, down to some h with dissipation."""
     undamped, damped, ggl = (

@@ -81,6 +81,7 @@ cases:
 """
 
 
+@pytest.mark.release  # .ci/run compares two studies with other kernels
 def test_results_are_the_same_with_every_kernel(cli, other_kernel):
     """To the bit, in whatever order sets are; cells computed with one serve the other.
 

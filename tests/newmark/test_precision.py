@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from marching import compiled, formulated, march
 from numba import njit
 
+import newmark_cli as newmark
 from newmark_cli.mechanisms import elements
 from newmark_cli.mechanisms.registry import problem
 from newmark_cli.newmark import enforcing, kernel, newton
@@ -92,12 +93,14 @@ def interpreted_march(subject, scheme, state, counts):
         )
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize(
+    "precision", ["float64", pytest.param("float32", marks=pytest.mark.release)]
+)
 def test_the_march_computes_in_its_precision(precision):
     """Compiled and interpreted it takes the same steps bit by bit."""
     subject = problem("four-bar")
     ways = METHODS, ["none", "velocity", "position-velocity accelerations"]
-    if precision == "float32":  # with formulations it takes a minute to compile; see below
+    if precision == "float32":  # with formulations it takes a minute to compile
         ways = ["index-3"], ["none"]
     formulations, projections = ways
     stops = [None, Tolerance(1e-5, 1e-4)]
@@ -119,16 +122,36 @@ def test_the_march_computes_in_its_precision(precision):
             np.testing.assert_array_equal(one, other, str(case))
 
 
+@pytest.mark.parametrize("form", ["u-lambda", "a-lambda", "u-v-a-lambda"])
+def test_single_precision_takes_the_steps_of_double(form):
+    """To its rounding, interpreted: to compile it takes half a minute."""
+    subject, found = problem("four-bar"), {}
+    for precision in PRECISIONS:
+        scheme = formulated("index-3", form, 1e-3, evaluation="compensated", precision=precision)
+        state, counts = initial_state(subject, scheme), counting(2, len(scheme.recorded))
+        interpreted_march(subject, scheme, state, counts)
+        assert {array.dtype for array in state} == {np.dtype(precision)}
+        found[precision] = (*state.fields, state.multipliers), counts.iterations
+    (double, corrections), (single, fewer) = (found[precision] for precision in PRECISIONS)
+    for one, other in zip(single, double, strict=True):
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5 * np.abs(other).max())
+    assert fewer.sum() < corrections.sum()
+
+
 @pytest.mark.parametrize("formulation", METHODS)
 def test_formulations_are_told_in_single_precision(formulation):
-    """Every number of theirs, as every number of a march without them."""
+    """Every number of theirs and of the plan, but for times and what norms are compared with."""
     subject = problem("four-bar")
     scheme = formulated(
         formulation, projection="position-velocity accelerations", precision="float32"
     )
     state = initial_state(subject, scheme)
     counts, record = counting(2, len(scheme.recorded)), recording(state, np.empty(0))
-    extra = Engine(subject, scheme).arguments(state, 0, counts, record)[2]
+    _, plan, extra, *_ = Engine(subject, scheme).arguments(state, 0, counts, record)
+    numbers = {name: value for part in plan for name, value in part._asdict().items()}
+    doubles = {name for name, value in numbers.items() if np.asarray(value).dtype == np.float64}
+    assert doubles == {"settled_below", "limits", "times"}
+    assert numbers["settled_below"] == np.sqrt(np.finfo(np.float32).eps)
     kinds = {name: np.asarray(value).dtype for name, value in extra._asdict().items()}
     assert {name for name, kind in kinds.items() if kind == np.float32} == {
         "rows", "eta", "rows_eta", "inertia", "penalty", "acting", "unit", "projector_values",
@@ -145,3 +168,13 @@ def test_no_constant_of_the_march_is_in_double():
         constants = [node for node in nodes if isinstance(node, ast.Constant) and node.value]
         found = [node for node in constants if isinstance(node.value, float)]
         assert all([node] in typed for node in found), module
+
+
+@pytest.mark.release
+def test_advice_has_tolerances_of_single_precision():
+    """Those of double times the ratio of their roundings, or about."""
+    found = newmark.advise("pendulum", h=1e-3, integrator="bdf2").tolerances
+    scaled = {(one.unknown, one.precision): one.scaled for one in found}
+    for unknown in ("u", "lambda", "all"):
+        ratio = scaled[unknown, "float32"] / scaled[unknown, "float64"]
+        assert 2**27 < ratio < 2**31

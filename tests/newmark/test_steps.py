@@ -333,6 +333,7 @@ def test_a_very_short_step_does_no_harm(integrator, how):
     assert np.all(twice < 3 * without)
 
 
+@pytest.mark.release
 def test_a_very_short_step_in_single_precision():
     """A thousandth of the time of others is too short there."""
     how = {"integrator": "generalized-alpha rho=0.9", "precision": "float32", "form": "a-lambda"}

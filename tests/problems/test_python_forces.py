@@ -74,10 +74,12 @@ def folder(cli):
     return cli
 
 
-def test_drag_of_compiled_code(folder):
-    """The angle's ODE at order 2; tangents by differences; compiled as a whole."""
+@pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=pytest.mark.release)])
+def test_drag(folder, compiled):
+    """The angle's ODE at order 2; tangents by differences; compiled as a whole, if it is."""
+    folder.write("forces.py", FORCES if compiled else FORCES.replace("@njit\n", ""))
     problem = loading.load(folder.folder / "swing.yaml", "swing", allow_code=True)
-    assert problem.compiled
+    assert problem.compiled == compiled
     assert set(problem.sources) == {"swing.yaml", "forces.py", "beside.py"}
     end = solve_ivp(
         lambda t, y: [y[1], -9.81 * np.cos(y[0]) - 0.3 / 2 * (1 + np.sin(t)) * abs(y[1]) * y[1]],

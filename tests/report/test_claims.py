@@ -60,9 +60,11 @@ def test_claims_need_their_data(tmp_path, figure):
 
 
 def test_shipped_configs_read_alike_as_data():
-    """What is read without pydantic is what a run puts into the record."""
+    """What is read without pydantic is what a run puts into the record; files have their names."""
     for name, data in shipped.configs().items():
         study = config.load_shipped(name)
+        assert study.study == name
+        assert study.cells()
         assert plain(data) == plain(study.model_dump(mode="json", exclude_none=True)), name
     assert {name for name, data in shipped.configs().items() if plain(data)} == {
         "cures", "drift", "error", "floor", "history", "krylov", "multipliers", "precision",

@@ -64,6 +64,7 @@ def running(cli, address, results, *options):
     return cli.start("run", "spread.yaml", *where, *options)
 
 
+@pytest.mark.release
 def test_workers_may_come_late_and_all_may_be_lost(cli, scheduler):
     """The run says that it waits; two come and one is killed: the same bytes as from threads.
 

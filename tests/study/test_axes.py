@@ -22,16 +22,11 @@ STUDY_COLUMNS = (
     "row_block,stop,met,formulation,projection,multipliers,start,rounding,h_sequence,auxiliary,"
     "code"
 )
-SLOPE_COLUMNS = (
-    "figure,study,form,preconditioning,quantity,measure,slope,stderr,points,expected,tolerance,"
-    "verdict,problem,integrator,row_block,evaluation,precision,linear_solver,stop"
-)
 
 
 def test_columns_are_appended():
     """What older programs read stands where it stood."""
     assert ",".join(csv_files.COLUMNS) == STUDY_COLUMNS
-    assert ",".join(slopes.COLUMNS).startswith(SLOPE_COLUMNS + ",")
 
 
 def test_cells_come_in_the_order_of_the_csv():

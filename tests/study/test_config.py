@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from newmark_cli.mechanisms.families import FAMILIES
 from newmark_cli.mechanisms.spec import Sized
-from newmark_cli.study import config, shipped
+from newmark_cli.study import config
 from newmark_cli.support import documents
 from newmark_cli.support.documents import DocumentError
 from newmark_cli.support.errors import InputError
@@ -20,15 +20,6 @@ def load(tmp_path, text):
     path = tmp_path / "c.yaml"
     path.write_text(text)
     return config.load(path, "c.yaml")
-
-
-@pytest.mark.parametrize("name", shipped.names())
-def test_shipped_configs_load(name):
-    """Every shipped config is valid and named after its file."""
-    study = config.find(name)
-    assert study.study == name
-    assert study.description
-    assert study.cells()
 
 
 def test_cases_inherit(tmp_path):
