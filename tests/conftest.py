@@ -298,10 +298,9 @@ def quick(cli):
 @pytest.fixture
 def of_float64(monkeypatch):
     """Advice on double precision only: marches in the other take half a minute to compile."""
-    from newmark_cli.advice import advising, sections
+    from newmark_cli.advice import advising
 
-    for module in (advising, sections):
-        monkeypatch.setattr(module, "PRECISIONS", ("float64",))
+    monkeypatch.setattr(advising, "PRECISIONS", ("float64",))
 
 
 @pytest.fixture

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.newmark.scheme import PRECISIONS
-
 if TYPE_CHECKING:
     from newmark_cli.advice.advising import Advice
 
@@ -72,8 +70,9 @@ def _below(h: float | None) -> str:
 
 
 def _tolerance_rows(advice: "Advice") -> list[list[str]]:
+    precisions = dict.fromkeys(one.precision for one in advice.tolerances)
     rows = [
-        ["h", "unknown", *(f"{p}, {kind}" for p in PRECISIONS for kind in ("scaled", "physical"))]
+        ["h", "unknown", *(f"{p}, {kind}" for p in precisions for kind in ("scaled", "physical"))]
     ]
     grouped: dict[tuple[float, str], list[float | None]] = {}
     for one in advice.tolerances:

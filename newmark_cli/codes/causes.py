@@ -125,18 +125,20 @@ def _named(found: Sequence[Finding], *names: str) -> bool:
 
 
 def _of_geometry(evidence: SeriesErrors, file: FileNumbers | None) -> list[Finding]:
-    """A number with which Φ is met; positions held at a level above keep what a start misses."""
+    """A number with which Φ is met; a code may also keep what its start misses."""
     starts = [one for one in _start(evidence) if one.name == "start"]
     if starts and evidence.told.formulation in ("index-1", "index-2"):
         return []
     found = [*geometry.changed(evidence, file)]
-    if found and all(run.t[0] > evidence.t0 + 1e-11 for run in evidence.runs):
-        kept = "; so are those that a start misses, in a code that keeps them: its row would tell"
-        found = [replace(found[0], text=found[0].text + kept)]
-    if found and starts and not evidence.told.formulation:
-        off = "a code that keeps what its start misses does the same where"
-        return [replace(found[0], text=f"{found[0].text}; {off} {starts[0].text}")]
-    return found
+    held = bool(evidence.told.formulation)
+    if not found or (held and len(found[0].evidence["changes"]) == 1):
+        return found
+    also = ""
+    if starts:
+        also = f"; a code that keeps what its start misses does the same where {starts[0].text}"
+    elif all(run.t[0] > evidence.t0 + 1e-11 for run in evidence.runs):
+        also = "; a code that keeps what its start misses does the same: print the row of t = 0"
+    return [replace(found[0], text=found[0].text + also)]
 
 
 def _of_start(evidence: SeriesErrors, found: Sequence[Finding]) -> list[Finding]:

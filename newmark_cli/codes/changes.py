@@ -18,7 +18,7 @@ from newmark_cli.codes.file_numbers import LEFT_OUT, SIZES, FileNumbers, Path, d
 from newmark_cli.codes.further_forces import further_forces, opposite, rates
 from newmark_cli.codes.minimal_coordinates import couplings, terms
 from newmark_cli.codes.truth import EXACT, Force, MassOf, NoMotion, Truth
-from newmark_cli.support.arrays import Array, Mask
+from newmark_cli.support.arrays import Array, IndexArray, Mask
 from newmark_cli.support.errors import InputError
 
 #: Misfit of Φ by which a place is one of a constraint.
@@ -104,9 +104,9 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         yield lacking(name, partial(_less_curved, of, False), (-1.0, -2.0))
         if right:
             yield lacking(f"{name} in λ", partial(_less_curved, of, True), (-1.0, -2.0))
-    for k, name in enumerate(problem.constraint_names if right and problem.m > 1 else ()):
-        only = partial(_less_of_one, np.arange(problem.m) == k)
-        yield lacking(f"κ of {name} in λ", only, (-1.0, -2.0))
+    for k in _curved(evidence) if right else ():
+        name = f"κ of {problem.constraint_names[k]} in λ"
+        yield lacking(name, partial(_less_of_one, np.arange(problem.m) == k), (-1.0, -2.0))
     if evidence.start is None:
         yield lacking("the start's velocities", lambda c: {"v0": problem.v0 * (1 + c)}, (-1.0,))
 
@@ -130,7 +130,15 @@ def _less_curved(
 
 def _less_of_one(only: Mask, c: float) -> dict[str, Any]:
     """Another κ of one constraint, of which λ comes."""
-    return {"curvature": (1 + c * only, 1.0), "recovered": True}
+    return {"curvature": (tuple((1 + c * only).tolist()), 1.0), "recovered": True}
+
+
+def _curved(evidence: SeriesErrors) -> IndexArray:
+    """Constraints with a κ at the end of the motion, where there are several."""
+    there = {part: of[-1] for part, of in evidence.reference[-1].items()}
+    kappa = evidence.problem.constraint_derivatives(evidence.end, there["u"], there["v"])[1]
+    found = np.flatnonzero(np.abs(kappa) > _MISFIT * np.abs(kappa).max(initial=0.0))
+    return found if len(found) > 1 else found[:0]
 
 
 def _of_motions(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:

@@ -58,7 +58,7 @@ class Truth:
         v0: Array | None = None,
         force: Force | None = None,
         mass: MassOf | None = None,
-        curvature: tuple[float | Array, float] = (1.0, 1.0),
+        curvature: tuple[float | tuple[float, ...], float] = (1.0, 1.0),
         recovered: bool = False,
         tolerance: float = EXACT,
     ) -> None:
@@ -101,7 +101,7 @@ class Truth:
         if self._mass is not None:
             matrix[:n, :n] += self._mass(t, u)
         every, driven = self._curvature
-        curvature = every * problem.constraint_derivatives(t, u, v)[1]
+        curvature = np.multiply(every, problem.constraint_derivatives(t, u, v)[1])
         if driven != 1:
             curvature += (driven - 1) * problem.constraint_derivatives(t, u, np.zeros(n))[1]
         right = np.concatenate([force, -curvature])

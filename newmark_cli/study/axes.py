@@ -37,6 +37,7 @@ from newmark_cli.study.axis import (
     Axis,
     axes_of,
     axis,
+    formulation_label,
     formulation_text,
     integrator_text,
     projection_text,
@@ -130,6 +131,7 @@ class Cell:
         since=(4, 4),
         names=formulations.METHODS,
         text=formulation_text,
+        plain=formulation_label,
         about="which constraint rows are solved, a name or a mapping with a parameter, or a list",
         shows="which constraint rows are solved, with the parameter",
     )
@@ -173,7 +175,7 @@ class Cell:
             if label.startswith(("absolute", "relative"))
             else label
         ),
-        plain=lambda text: text.replace(" tolerance ", " "),
+        plain=lambda text: text.removeprefix("tolerance ").replace(" tolerance ", " "),
         about="test that ends Newton's iteration: a tolerance on the scaled correction, on it by "
         "field, or on the residual; default: where rounding stops it",
         shows="what stops Newton: `saturation`, which is rounding, or a test with its limits, such "

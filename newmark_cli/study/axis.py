@@ -1,6 +1,6 @@
 """One axis of a study: what tells values along it apart, and how files and people write them."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -112,11 +112,16 @@ _METHODS = {
     "bdf1": "BDF1",
     "bdf2": "BDF2",
 }
-_FORMULATIONS = {"index-": "index ", "ggl": "GGL", "baumgarte": "Baumgarte", "augmented-lagrangian":
-                 "augmented Lagrangian", " rate=": ", α = ", " rate_h=": ", αh = ",
-                 " factor=": ", factor ", " penalty=": ", penalty "}  # fmt: skip
+_FORMULATIONS = {
+    "index-3": "index 3",
+    "index-2": "index 2",
+    "index-1": "index 1",
+    "ggl": "GGL",
+    "baumgarte": "Baumgarte",
+    "augmented-lagrangian": "augmented Lagrangian",
+}
 _PARAMETERS = {"beta": "β", "gamma": "γ", "rho": "ρ∞", "alpha": "α", "alpha_m": "α_m",
-               "alpha_f": "α_f"}  # fmt: skip
+               "alpha_f": "α_f", "rate": "α", "rate_h": "αh"}  # fmt: skip
 MULTIPLIERS = {"newton": "Newton's λ", "recovered": "recovered λ", "total": "total λ"}
 #: Kind of rows → the measures that give them, as `newmark_cli.study.measures` declares them.
 GIVEN_BY: dict[str, list[str]] = {}
@@ -128,6 +133,11 @@ def integrator_text(label: str) -> str:
     """An integrator as people write it, numbers with six digits, from its label."""
     if label == TRAPEZOIDAL:
         return TRAPEZOIDAL_NAME
+    return _written(label, _METHODS)
+
+
+def _written(label: str, names: Mapping[str, str]) -> str:
+    """A method and its parameters in parentheses, from its label."""
     method, *parameters = label.split()
     if ".py:" in method:
         return method
@@ -136,14 +146,24 @@ def integrator_text(label: str) -> str:
         f"{_PARAMETERS.get(name, name)} = {float(value):.6g}".replace("-", "−")
         for name, _, value in pairs
     ]
-    return " ".join([_METHODS.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
+    return " ".join([names.get(method, method), *([f"({', '.join(texts)})"] if texts else [])])
 
 
 def formulation_text(label: str) -> str:
-    """A formulation as people write it, such as Baumgarte, αh = 1, from its label."""
-    for ours, theirs in _FORMULATIONS.items():
-        label = label.replace(ours, theirs)
-    return label.removesuffix(".0")
+    """A formulation as people write it, such as Baumgarte (αh = 1), from its label."""
+    return _written(label, _FORMULATIONS)
+
+
+def formulation_label(text: str) -> str:
+    """A label from what `formulation_text` makes of it; other text stays as it is."""
+    text = text.replace(" = ", "=").replace(" (", " ").removesuffix(")").replace("−", "-")
+    for words, other in (
+        ("αh=", "rate_h="),
+        ("α=", "rate="),
+        *((v, k) for k, v in _FORMULATIONS.items()),
+    ):
+        text = text.replace(words, other)
+    return text
 
 
 def projection_text(label: str) -> str:

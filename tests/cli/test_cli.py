@@ -189,7 +189,7 @@ REFUSED = {
     "run": "Missing argument",
     "run quick.yaml --jobs 0": "--jobs",
     "run quick.yaml --results=": "--results",
-    "run quick.yaml --results quick.yaml": "cannot be written",
+    "run quick.yaml --results quick.yaml": "must name a folder, and 'quick.yaml' is a file",
     "run quick.yaml --results /proc/here": "/proc/here: results cannot be written",
     "plot 99": "unknown figure or study '99'",
     "plot --resluts x": "No such option",

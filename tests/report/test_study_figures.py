@@ -127,7 +127,7 @@ def test_changes_one_at_a_time_have_two_panels(tmp_path):
     (figure,) = drawn(given).values()
     assert [(p.titles, p.group, [c.label for c in p.curves]) for p in figure.parts] == [
         (("formulation",), "formulation",
-         ["index 3", "index 2", "index 1", "GGL", "Baumgarte, αh = 1"]),
+         ["index 3", "index 2", "index 1", "GGL", "Baumgarte (αh = 1)"]),
         (("preconditioning, projection",), "preconditioning, projection",
          ["index 3", "index 3, left", "index 3, optimal",
           "index 3, velocity projection, recovered λ"]),
@@ -142,8 +142,8 @@ def test_changes_one_at_a_time_have_two_panels(tmp_path):
 
 @pytest.mark.parametrize(("axis", "value", "text"), [
     ("formulation", "index-2", "index 2"),
-    ("formulation", "baumgarte rate=1000.0", "Baumgarte, α = 1000"),
-    ("formulation", "augmented-lagrangian factor=2.5", "augmented Lagrangian, factor 2.5"),
+    ("formulation", "baumgarte rate=1000.0", "Baumgarte (α = 1000)"),
+    ("formulation", "augmented-lagrangian factor=2.5", "augmented Lagrangian (factor = 2.5)"),
     ("linear_solver", "gmres", "GMRES"),
     ("stop", "relative 0.001", "relative tolerance 0.001"),
 ])  # fmt: skip
