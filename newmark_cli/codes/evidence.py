@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from newmark_cli.codes.truth import Truth
 from newmark_cli.newmark.integrator import Integrator, fading
 from newmark_cli.support.arrays import Array, IndexArray, Mask
 
 if TYPE_CHECKING:
     from newmark_cli.codes.reading import Run
     from newmark_cli.codes.solutions import Measured
+    from newmark_cli.codes.truth import Truth
 
 PARTS = ("u", "v", "lambda")
 #: What messages call them.
@@ -176,7 +176,7 @@ class SeriesErrors:
         resolution: Part → what printing leaves of a number, over the size of its part.
     """
 
-    def __init__(self, measured: Sequence["Measured"], told: Told, truth: Truth) -> None:
+    def __init__(self, measured: Sequence["Measured"], told: Told, truth: "Truth") -> None:
         self.problem, self.told, self.truth = truth.problem, told, truth
         self.t0, self.end = truth.problem.t0, max(float(of.run.t[-1]) for of in measured)
         step = max(of.run.size for of in measured) if told.steps else 0.1 * (self.end - self.t0)
@@ -374,7 +374,7 @@ class WeightedRows:
         """Part → (rows, known), in one vector."""
         return np.concatenate([(of[part] * by).ravel() for part, by in self._weight.items()])
 
-    def values(self, truth: Truth) -> Array:
+    def values(self, truth: "Truth") -> Array:
         """A motion at these rows, in one vector."""
         there = truth.at(self.times)
         return self.stacked({part: self._evidence.of(part, there[part]) for part in self._weight})
