@@ -104,8 +104,8 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
     if (shift := _time_of_motions(evidence, k)) is not None:
         size = "½" if abs(shift) == 0.5 else "1"
         text = (
-            f"{seen}, and met at the time t {'−' if shift < 0 else '+'} {size} h: "
-            f"{', '.join(dict.fromkeys(_driven(evidence)))} take that time"
+            f"{seen}, and met at the time t {'−' if shift < 0 else '+'} {size} h: the law of "
+            f"{', '.join(dict.fromkeys(_driven(evidence)))} is taken there"
         )
         yield evidence.finding("late", text, misfit=missed, shift=shift, parts=["motions"])
         return

@@ -139,7 +139,7 @@ class _Equations:
         omega, pushed = weights @ v, moved.T @ self.problem.M @ inverse
         forces = np.zeros(len(u))
         for k in {k for _, _, k in parts}:
-            step = _STEP * np.abs(u).max() / np.abs(moved[:, k]).max()
+            step = _STEP * (np.abs(u).max() or 1.0) / np.abs(moved[:, k]).max()
             ahead, behind = (self._rows(t, u + way * step * moved[:, k]) for way in (1, -1))
             # Of R T = (1, 0) the derivative is R ∂T = −∂R T.
             q = -omega[k] * pushed @ ((ahead - behind) / (2 * step) @ moved)
