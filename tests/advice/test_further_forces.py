@@ -344,3 +344,33 @@ def test_forces_between_two_bodies_have_a_share_on_each():
     turned = found["torsion_dampers.grease does not act on fore"]
     assert turned["fore.angle"] == pytest.approx(0.3 * (-0.7 - 1.2), rel=1e-7)
     assert turned["upper.angle"] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_motion_that_is_driven_late_is_told():
+    """Its law at t − h: Φ is met at that time only."""
+
+    def driven(h):
+        law = {"value": 0.0, "amplitude": 0.1, "frequency": 7, "phase": 0.4 - 7 * h}
+        return {**CART, "motions": {"drive": {"slider": "rail", "distance": law}},
+                "assemble": True, "project_velocities": True}  # fmt: skip
+
+    tables = [of_motion(driven(h)).query("h == @h and t > 0") for h in (0.01, 0.005, 0.0025)]
+    faults = judged(pd.concat(tables), driven(0), ("the acceleration",)).faults
+    (late,) = (fault for fault in faults if fault.name == "late")
+    assert late.evidence["shift"] == -1
+    assert "the law of motions.drive is taken there" in late.text
+
+
+def test_centrifugal_terms_of_one_constraint_left_out_of_the_multipliers_are_told():
+    table, problem = of_motion(PENDULUMS), newmark.problem(PENDULUMS)
+    u, v = (table[[f"{part}[{name}]" for name in problem.coordinate_names]] for part in "uv")
+    inverse = np.linalg.inv(problem.M)
+    for row in range(len(table)):
+        t, at, rate = table["t"].iloc[row], u.iloc[row].to_numpy(), v.iloc[row].to_numpy()
+        x = problem.evaluate(t, at, rate, np.zeros(2))
+        kappa = [0, np.sum((rate[2:] - rate[:2]) ** 2)]  # of the lower bar, ½ (|Δ|² − L²)
+        implied = np.linalg.solve(x.G.T @ inverse @ x.G, -x.G.T @ inverse @ x.force - kappa)
+        for name, value in zip(problem.constraint_names, implied, strict=True):
+            table.iloc[row, table.columns.get_loc(f"lambda[{name}]")] = value
+    (fault,) = judged(table, PENDULUMS, ("κ of",)).faults
+    assert "κ of bars.upper in λ left out: this alone" in fault.text
