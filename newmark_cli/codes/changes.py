@@ -170,7 +170,7 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         # The start is that of the right mechanism: a table may say otherwise in its first row.
         if c < -1 and paths[0][-1] in _POSITIVE:
             less = file.changed(paths, lambda value: _times(value, LEFT_OUT - 1))
-            term = difference(file.make(file.document), less)
+            term = difference(file.mechanism, less)
             return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
         other = file.changed(paths, lambda value: change(value, c))
         if np.abs(other.constraint_values(right.t0, right.u0)).max(initial=0.0) > _MISFIT:

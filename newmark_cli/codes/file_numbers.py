@@ -3,6 +3,7 @@
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, get_args
 
 import numpy as np
@@ -42,6 +43,11 @@ class FileNumbers:
     make: Callable[[Mapping[str, Any]], Problem]
     #: Forces in Python, which stay as they are; None where there are none.
     push: Force | None = None
+
+    @cached_property
+    def mechanism(self) -> Problem:
+        """The problem as the document has it, without forces in Python."""
+        return self.make(self.document)
 
     def numbers(self) -> Iterator[Path]:
         """Paths of the numbers that are no geometry."""

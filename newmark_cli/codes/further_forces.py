@@ -296,7 +296,7 @@ def _column(of: _Directions, u: Array) -> Array:
 
 def _one_sided(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
     """Forces between two bodies that act on one of them only."""
-    document, mechanism = file.document, file.make(file.document)
+    document, mechanism = file.document, file.mechanism
     places = {name: k for k, name in enumerate(problem.coordinate_names)}
     turns = {}
     if not isinstance(problem.outputs, SpatialOutputs):
@@ -351,7 +351,7 @@ def _moment_on(
 
 def _weights(file: FileNumbers) -> Iterator[FurtherForce]:
     """The weight of each mass, which goes on to have inertia."""
-    mechanism = file.make(file.document)
+    mechanism = file.mechanism
     for path in file.numbers() if file.document.get("gravity") else ():
         if path[-1] == "mass":
             lighter = file.changed([path], lambda mass: LEFT_OUT * mass)
@@ -361,7 +361,7 @@ def _weights(file: FileNumbers) -> Iterator[FurtherForce]:
 
 def _interpolated(file: FileNumbers) -> Iterator[FurtherForce]:
     """Tables of loads that are interpolated otherwise, and linearly."""
-    mechanism = file.make(file.document)
+    mechanism = file.mechanism
 
     def with_number(path: tuple[Any, ...], value: float) -> Problem:
         return file.changed([path], partial(_instead, value))
@@ -409,7 +409,7 @@ def _exactly(text: str, of: Force) -> FurtherForce:
 def _in_other_axes(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
     """Loads whose components are taken along a body in place of global axes, or the other way."""
     document = file.document
-    mechanism = file.make(document)
+    mechanism = file.mechanism
 
     def replaced(part: str, name: str, **keys: Any) -> Problem:
         load = {**document[part][name], **keys}
