@@ -134,6 +134,15 @@ class FormOrders:
             for unknown in (*FIELDS, *self.form.multipliers)
         }
 
+    def of_forces(self, unknown: str) -> float:
+        """Order of an unknown's physical correction where only row D, of forces, is rounded.
+
+        Where forces are stiff, K h² ≫ M, that is the largest part until h is smaller.
+        """
+        if unknown not in self.reactions:
+            return np.nan
+        return float(self.reactions[unknown][self.form.rows.index("D")])
+
     @property
     def bounded(self) -> dict[str, str]:
         """Unknowns whose correction may fall faster with h than predicted, and why."""

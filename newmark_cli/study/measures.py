@@ -109,6 +109,8 @@ class Record:
     at_end: bool = False  #: whether it is taken at t_end, so that all of a series must end together
     #: why the predicted order is only a lower bound, from the key; empty where it is the order
     bounded: Callable[[SeriesKey], str] = lambda key: ""
+    #: order that may show while h is too coarse, from the key; NaN where there is none
+    coarse: Callable[[SeriesKey], float] = _unpredicted
     quantities: tuple[str, ...] = ()  #: what the rows may be about, as in the CSV
 
     def drawn(self, rows: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> Array:
@@ -206,9 +208,16 @@ def _bound_of_correction(key: SeriesKey) -> str:
 def _order_of_correction(key: SeriesKey) -> float:
     if key.stop != SATURATION or not _march_of(key).settles:
         return np.nan  # Newton does not end where rounding stops it
-    # Scaled ones are divided by their factor in D_R.
-    unit = _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
-    return _orders_of(key).physical_corrections()[key.quantity] - unit
+    return _orders_of(key).physical_corrections()[key.quantity] - _order_of_unit(key)
+
+
+def _order_of_unit(key: SeriesKey) -> float:
+    """Order of what a correction is divided by: scaled ones by their factor in D_R."""
+    return _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
+
+
+def _order_of_forces(key: SeriesKey) -> float:
+    return _orders_of(key).of_forces(key.quantity) - _order_of_unit(key)
 
 
 def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
@@ -319,6 +328,7 @@ _MEASURES = (
             predicted=_order_of_correction,
             tolerance=0.15,
             bounded=_bound_of_correction,
+            coarse=_order_of_forces,
         ),
         stop=False,
     ),

@@ -250,6 +250,7 @@ class Slope:
                 tolerance=tolerance,
                 exact=exact,
                 bound="" if written else record.bounded(key),
+                coarse=record.coarse(key),
                 undamped=multipliers and record.alternates(key),
                 fading=record.fading(key) if multipliers else 0.0,
                 irregular="" if regular else _irregular(self._motion),

@@ -5,8 +5,10 @@ rounding does not rule gives a slope with an interval, and the verdict is where 
 interval is: within the tolerance of the predicted order, outside it, or neither.
 
 Beside the interval the rule knows what a series of the bench needs (`tests/verification`): that
-coarse step sizes may be left out, three shares of rounding, singular motions, and of errors that
-they are small and do not fall faster than predicted (near-change-point).
+coarse step sizes may be left out, three shares of rounding, singular motions, of errors that
+they are small and do not fall faster than predicted (near-change-point), and of corrections the
+order of rounded forces (stiff-spring in millimetres, hoist far from the origin) and that a few
+steps may rule their rms (trammel far from the origin).
 """
 
 import math
@@ -39,6 +41,8 @@ LEAST = 3
 #: tell rounding to a factor of 10.  They do not see what is alike in all of them, and rounding
 #: that is alike in N steps adds up to √N times as much.
 RULED, _CLEAR = 0.5, 0.1
+#: Relative uncertainty of corrections from which on a few steps rule their rms.
+_FEW = 0.25
 #: Least range of h that can speak against a series, but for rounding of its ends.
 _DECADE = 9.99
 #: Largest relative error that is small enough for its order to be that of the first term.
@@ -67,6 +71,7 @@ class Evidence:
     tolerance: float = math.nan  #: largest |fitted − expected|; NaN likewise
     exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
     bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
+    coarse: float = math.nan  #: order that may show where h is too coarse; NaN where there is none
     undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
     #: what a step leaves of the alternation that multipliers have from the start; 0 of others
     fading: float = 0.0
@@ -265,7 +270,9 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
 
 
 def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
-    """Why the slope of an error outside the tolerance is no miss; empty if it is one."""
+    """Why a slope outside the tolerance is no miss; empty if it is one."""
+    if evidence.kind == "rounding":
+        return _of_few_steps_or_forces(evidence, fitted, fit)
     if evidence.kind != "truncation":
         return ""
     least = float(evidence.values[fitted].min())
@@ -276,6 +283,19 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
         shows = "shows at smaller h" if fitted[-1] else "rounding hides"
         return f"falls faster than order {format_order(evidence.expected)}, which {shows}"
     return ""
+
+
+def _of_few_steps_or_forces(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
+    """Why the slope of corrections is that of other rounding, or of few steps; empty if neither."""
+    # The rms of steps goes over slowly from one order to the other.
+    slower = evidence.expected < fit.slope <= evidence.coarse + 2 * evidence.tolerance
+    if slower and evidence.coarse > evidence.expected:
+        return (
+            f"terms of order {format_order(evidence.coarse)} rule until smaller h lets those of "
+            f"order {format_order(evidence.expected)} overtake"
+        )
+    few = bool((evidence.uncertainty[fitted] > _FEW).any())
+    return "a few steps rule: more steps would decide" if few else ""
 
 
 def _further(evidence: Evidence, points: Mask) -> str:
