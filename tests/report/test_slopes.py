@@ -173,6 +173,9 @@ def test_multipliers_that_alternate_from_the_start_are_told(tmp_path):
     (slope,) = found(tmp_path, series((1e-2, 1e-3, 1e-4), steps=20, **rest))
     assert slope.verdict == UNDECIDED
     assert "λ still alternates from the start at h = 0.01: ρ∞ = 0.9 leaves" in slope.reason
+    rest |= {"measure": "physical_correction"}  # where it is no cause
+    (slope,) = found(tmp_path, series((1e-2, 1e-3, 1e-4), steps=20, **rest))
+    assert (slope.verdict, "alternates" in slope.reason) == (MISS, False)
 
 
 @pytest.mark.parametrize(("measure", "quantity"), [

@@ -237,7 +237,7 @@ class Slope:
             return plain(SHOWN, "taken at different times")
         if not {*self.statuses} <= {*record.ok}:
             return plain(SHOWN)
-        multipliers = key.quantity in OF_MULTIPLIERS
+        multipliers = key.quantity in OF_MULTIPLIERS and record.kind == "truncation"
         regular = key.initial or record.kind == "determined"
         return judge(
             Evidence(
