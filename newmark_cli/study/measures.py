@@ -109,8 +109,8 @@ class Record:
     at_end: bool = False  #: whether it is taken at t_end, so that all of a series must end together
     #: why the predicted order is only a lower bound, from the key; empty where it is the order
     bounded: Callable[[SeriesKey], str] = lambda key: ""
-    #: order that may show while h is too coarse, from the key; NaN where there is none
-    coarse: Callable[[SeriesKey], float] = _unpredicted
+    #: orders that may show while h is too coarse, from the key
+    coarse: Callable[[SeriesKey], tuple[float, ...]] = lambda key: ()
     quantities: tuple[str, ...] = ()  #: what the rows may be about, as in the CSV
 
     def drawn(self, rows: "pd.DataFrame | Mapping[str, Sequence[Any]]") -> Array:
@@ -216,8 +216,15 @@ def _order_of_unit(key: SeriesKey) -> float:
     return _scaling_of(key).right[key.quantity].order() if key.measure == "correction" else 0
 
 
-def _order_of_forces(key: SeriesKey) -> float:
-    return _orders_of(key).of_forces(key.quantity) - _order_of_unit(key)
+def _order_of_forces(key: SeriesKey) -> tuple[float]:
+    return (_orders_of(key).of_forces(key.quantity) - _order_of_unit(key),)
+
+
+def _orders_of_entries(key: SeriesKey) -> tuple[float, ...]:
+    """Orders of C while entries that do not rule for h → 0 are still the largest of J̄ and J̄⁻¹."""
+    jacobian, inverse = _orders_of(key).scaled(_scaling_of(key))
+    products = {float(a + b) for a in jacobian.ravel() for b in inverse.ravel()}
+    return tuple(sorted(order for order in products if np.isfinite(order)))
 
 
 def _scaled_and_physical(name: str, text: str, label: str, **others: Any) -> tuple[Record, Record]:
@@ -345,6 +352,7 @@ _MEASURES = (
                 # Condition numbers are not noisy; along a run they still vary with the motion.
                 0.05,
                 0.02,
+                coarse=_orders_of_entries,
                 quantities=("jacobian",),
             ),
         ),

@@ -7,13 +7,13 @@ interval is: within the tolerance of the predicted order, outside it, or neither
 Beside the interval the rule knows what a series of the bench needs (`tests/verification`): that
 coarse step sizes may be left out, three shares of rounding, singular motions, of errors that
 they are small, do not fall faster than predicted (near-change-point) and have a whole order (a
-quick return with BDF2), and of corrections the order of rounded forces (stiff-spring in
-millimetres, hoist far from the origin) and that a few steps may rule their rms (trammel far from
-the origin).
+quick return with BDF2), of condition numbers and corrections the orders of other terms (a
+suspension; stiff-spring in millimetres, hoist far from the origin), and of corrections that a few
+steps may rule their rms (trammel far from the origin).
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -72,7 +72,7 @@ class Evidence:
     tolerance: float = math.nan  #: largest |fitted − expected|; NaN likewise
     exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
     bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
-    coarse: float = math.nan  #: order that may show where h is too coarse; NaN where there is none
+    coarse: Collection[float] = ()  #: orders that may show where h is too coarse
     undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
     #: what a step leaves of the alternation that multipliers have from the start; 0 of others
     fading: float = 0.0
@@ -283,8 +283,18 @@ def _not_converging(evidence: Evidence, points: Mask) -> Judgement:
 
 def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
     """Why a slope outside the tolerance is no miss; empty if it is one."""
+    for other in evidence.coarse:
+        near = abs(fit.slope - other) <= 2 * evidence.tolerance
+        # The rms of steps goes over slowly from one order to the other.
+        between = evidence.kind == "rounding" and evidence.expected < fit.slope < other
+        if other > evidence.expected and (near or between):
+            return (
+                f"terms of order {format_order(other)} rule until smaller h lets those of order "
+                f"{format_order(evidence.expected)} overtake"
+            )
     if evidence.kind == "rounding":
-        return _of_few_steps_or_forces(evidence, fitted, fit)
+        few = bool((evidence.uncertainty[fitted] > _FEW).any())
+        return "a few steps rule: more steps would decide" if few else ""
     if evidence.kind != "truncation":
         return ""
     least = float(evidence.values[fitted].min())
@@ -295,19 +305,6 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
         shows = "shows at smaller h" if fitted[-1] else "rounding hides"
         return f"falls faster than order {format_order(evidence.expected)}, which {shows}"
     return ""
-
-
-def _of_few_steps_or_forces(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
-    """Why the slope of corrections is that of other rounding, or of few steps; empty if neither."""
-    # The rms of steps goes over slowly from one order to the other.
-    slower = evidence.expected < fit.slope <= evidence.coarse + 2 * evidence.tolerance
-    if slower and evidence.coarse > evidence.expected:
-        return (
-            f"terms of order {format_order(evidence.coarse)} rule until smaller h lets those of "
-            f"order {format_order(evidence.expected)} overtake"
-        )
-    few = bool((evidence.uncertainty[fitted] > _FEW).any())
-    return "a few steps rule: more steps would decide" if few else ""
 
 
 def _further(evidence: Evidence, points: Mask) -> str:
