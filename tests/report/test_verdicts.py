@@ -218,6 +218,14 @@ def condition(orders, expected, values=(), **rest):
      condition([-2.5, -2.5, -2.5], -3.0, coarse=(-3.0, -2.0)), MISS, ".*"),
     ("growing faster than predicted is never for lack of smaller steps",
      condition([-1.0, -1.0, -1.0], 0.0, coarse=(-1.0, 0.0, 1.0)), MISS, ".*"),
+    *[("coarse marches pass other states: medians of a double pendulum and of a slider-crank",
+       condition([], order, values=values, varied=varied), UNDECIDED,
+       f"varies by a factor of {factor} along a run: smaller h would decide")
+      for order, values, varied, factor in [
+          (-2.0, [2614, 201811, 16149646], [28.7, 27.7, 1.4], 29),
+          (-4.0, [7.1e7, 4.04e11, 2.36e15], [5.2, 44.1, 3.0], 44)]],
+    ("which must be enough for what they differ by",
+     condition([], -2.0, values=[2614, 201811, 16149646], varied=[1.1, 1.1, 1.1]), MISS, ".*"),
     ("multipliers that drift in the matrix decide nothing",
      condition([-2.0, -2.0, -2.34], -2.0), UNDECIDED, ".*"),
     ("(u, v, λ) without scaling: the last two local orders are the predicted one",

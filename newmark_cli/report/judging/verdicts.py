@@ -8,8 +8,9 @@ Beside the interval the rule knows what a series of the bench needs (`tests/veri
 coarse step sizes may be left out, three shares of rounding, singular motions, of errors that
 they are small, do not fall faster than predicted (near-change-point) and have a whole order (a
 quick return with BDF2), of condition numbers and corrections the orders of other terms (a
-suspension; stiff-spring in millimetres, hoist far from the origin), and of corrections that a few
-steps may rule their rms (trammel far from the origin).
+suspension; stiff-spring in millimetres, hoist far from the origin), of condition numbers that they
+vary along a motion (double pendulums), and of corrections that a few steps may rule their rms
+(trammel far from the origin).
 """
 
 import math
@@ -73,6 +74,7 @@ class Evidence:
     exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
     bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
     coarse: Collection[float] = ()  #: orders that may show where h is too coarse
+    varied: Array | None = None  #: (points,) largest value along the run over the median
     undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
     #: what a step leaves of the alternation that multipliers have from the start; 0 of others
     fading: float = 0.0
@@ -292,6 +294,12 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
                 f"terms of order {format_order(other)} rule until smaller h lets those of order "
                 f"{format_order(evidence.expected)} overtake"
             )
+    if evidence.kind == "determined" and evidence.varied is not None:
+        # A coarse march passes other states than a fine one.
+        factor, h = float(evidence.varied[fitted].max()), evidence.h[fitted]
+        if abs(fit.slope - evidence.expected) < log10(factor) / log10(h[0] / h[-1]):
+            more = _further(evidence, fitted)
+            return f"varies by a factor of {factor:.2g} along a run: {more} h would decide"
     if evidence.kind == "rounding":
         few = bool((evidence.uncertainty[fitted] > _FEW).any())
         return "a few steps rule: more steps would decide" if few else ""
