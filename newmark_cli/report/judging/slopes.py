@@ -89,7 +89,8 @@ class Slope:
     values: Array = field(default_factory=_no_points)
     #: (points,) what rounding alone changes in each value; NaN where it is not known.
     rounding: Array = field(default_factory=_no_points)
-    varied: Array | None = None  #: (points,) largest value along the run over the median
+    typical: Array | None = None  #: (points,) medians along the runs
+    largest: Array | None = None  #: (points,) largest values along the runs
     statuses: tuple[str, ...] = ()  #: status of the cell behind each point
     together: bool = True  #: whether all runs end at the same time
     most: int = 0  #: step sizes that series of its case have
@@ -252,7 +253,8 @@ class Slope:
                 exact=exact,
                 bound="" if written else record.bounded(key),
                 coarse=record.coarse(key),
-                varied=self.varied,
+                typical=self.typical,
+                largest=self.largest,
                 undamped=multipliers and record.alternates(key),
                 fading=record.fading(key) if multipliers else 0.0,
                 irregular="" if regular else _irregular(self._motion),
@@ -374,7 +376,8 @@ def study_slopes(
             key, str(row["role"]),
             h=np.array(rows["h"], float), steps=np.array(rows["steps"], float),
             values=RECORDS[key.measure].drawn(rows), rounding=np.array(rows[ROUNDING], float),
-            varied=_varied(rows), statuses=tuple(rows["status"]),
+            typical=np.array(rows["median"], float), largest=np.array(rows["max"], float),
+            statuses=tuple(rows["status"]),
             together=len({t for t in rows["t_end"] if not np.isnan(t)}) <= 1,
             most=len(sizes[cases[at[0]]]),
             lost=lost.get(tuple(row[name] for name in marched), ""),
@@ -383,13 +386,6 @@ def study_slopes(
         )  # fmt: skip
         slopes.append(series.judged())
     return slopes
-
-
-def _varied(rows: Mapping[str, Sequence[Any]]) -> Array:
-    """Largest values over medians; 1 where these are 0 or not known."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        factors = np.array(rows["max"], float) / np.array(rows["median"], float)
-    return np.where(np.isfinite(factors), factors, 1.0)
 
 
 def write(folder: Path, slopes: Sequence[Slope]) -> None:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from newmark_cli.report.judging.fits import Fit, format_order, log10, power_law
+from newmark_cli.report.judging.fits import Fit, format_fit, format_order, log10, power_law
 from newmark_cli.support.arrays import Array, Mask
 
 #: As predicted; not so.
@@ -74,7 +74,8 @@ class Evidence:
     exact: bool = False  #: whether theory predicts nothing but rounding, of an error or invariant
     bound: str = ""  #: why the predicted order is only a lower bound; empty where it is the order
     coarse: Collection[float] = ()  #: orders that may show where h is too coarse
-    varied: Array | None = None  #: (points,) largest value along the run over the median
+    typical: Array | None = None  #: (points,) medians along the runs
+    largest: Array | None = None  #: (points,) largest values along the runs
     undamped: bool = False  #: whether multipliers may alternate from step to step, and stay so
     #: what a step leaves of the alternation that multipliers have from the start; 0 of others
     fading: float = 0.0
@@ -294,14 +295,20 @@ def _spared(evidence: Evidence, fitted: Mask, fit: Fit) -> str:
                 f"terms of order {format_order(other)} rule until smaller h lets those of order "
                 f"{format_order(evidence.expected)} overtake"
             )
-    if evidence.kind == "determined" and evidence.varied is not None:
+    typical, largest, h = evidence.typical, evidence.largest, evidence.h[fitted]
+    if evidence.kind == "determined" and typical is not None and largest is not None:
         # A coarse march passes other states than a fine one.
-        factor, h = float(evidence.varied[fitted].max()), evidence.h[fitted]
+        factor = float((largest[fitted] / typical[fitted]).max())
         if abs(fit.slope - evidence.expected) < log10(factor) / log10(h[0] / h[-1]):
             more = _further(evidence, fitted)
             return f"varies by a factor of {factor:.2g} along a run: {more} h would decide"
     if evidence.kind == "rounding":
         few = bool((evidence.uncertainty[fitted] > _FEW).any())
+        if (evidence.bound or few) and typical is not None:
+            of_most = power_law(evidence.h, typical)
+            # Of a bound it changes with h how many steps come close to it.
+            if of_most.points >= LEAST and of_most.slope >= evidence.expected - evidence.tolerance:
+                return f"a few steps rule; the median has order {format_fit(of_most)}"
         return "a few steps rule: more steps would decide" if few else ""
     if evidence.kind != "truncation":
         return ""
