@@ -127,7 +127,8 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
         yield evidence.finding("seen", text, matters, misfit=missed)
     elif early:
         more = f", and {', '.join(worse)} at the end are worse than the method's" if worse else ""
-        harmless = "" if matters else "; the results do not suffer"
+        suffers = matters or evidence.elsewhere("lambda") or any(alternation(evidence))
+        harmless = "" if suffers else "; the results do not suffer"
         text = (
             f"{seen} already after the first steps, where an iteration to the end leaves rounding; "
             f"neither Φ′ nor Φ″ is held instead{more}: the test of convergence is met too soon"
