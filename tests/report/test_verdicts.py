@@ -92,6 +92,15 @@ def scattered(values, expected, h=None, **rest):
     )
 
 
+#: Step sizes over three decades.
+H = np.array([1e-1, 1e-2, 1e-3, 1e-4])
+
+
+def flat(*unsure):
+    """Corrections of order 0 that should have order −2, each known to so much."""
+    return replace(scattered(np.full(len(unsure), 1e-9), -2.0), uncertainty=np.array(unsure))
+
+
 def condition(orders, expected, values=(), **rest):
     values = np.array(values or 10.0 ** np.cumsum([0.0, *(-order for order in orders)]))
     rest = {"tolerance": 0.05} | rest
@@ -177,11 +186,21 @@ def condition(orders, expected, values=(), **rest):
      "terms of order 2 rule until smaller h lets those of order 1 overtake"),
     ("and not how anything grows",
      scattered([1e-9, 1e-8, 1e-7, 1e-6], 0.0, coarse=2.0), MISS, ".*"),
-    ("or falls", scattered([1e-6, 1e-9, 1e-12], 0.0, coarse=2.0), MISS, ".*"),
+    ("or falls", scattered(H**2.4, 0.0, H, coarse=2.0), MISS, ".*"),
+    ("but by as much as two tolerances more on the way",
+     scattered(H**2.2, 0.0, H, coarse=2.0), UNDECIDED, "terms of order 2 rule .*"),
+    ("of which there is none between equal orders",
+     evidence(H**1.25, H, 0.01 * H**1.25, "rounding", 1.0, tolerance=0.15, coarse=1.0), MISS,
+     ".*"),
     ("a few steps that rule say nothing of most",
      replace(scattered([3.3e-16, 1.3e-14, 2.6e-13], -1.0, h=[1e-3, 1e-4, 1e-5]),
              uncertainty=np.array([0.22, 0.54, 0.27])), UNDECIDED,
      "a few steps rule: more steps would decide"),
+    ("from a quarter on", flat(0.2, 0.26, 0.2), UNDECIDED, "a few steps rule.*"),
+    ("not below", flat(0.24, 0.24, 0.24), MISS, ".*"),
+    ("nor where they are not among those fitted",
+     replace(scattered([1e-5, 1e-9, 1e-9, 1e-9], -2.0), uncertainty=np.array([0.5, 0.2, 0.2, 0.2])),
+     MISS, ".*"),
     ("nor is −2.6", scattered([1e-12, 4e-10, 1.6e-7, 6e-5], -2.0), MISS, ".*"),
     ("three points as predicted do not hide a fourth a thousand times too large",
      scattered([1e-12, 1e-10, 1e-8, 1e-3], -2.0), UNDECIDED, ".*the order still changes.*"),
