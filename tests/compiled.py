@@ -13,7 +13,7 @@ import newmark_cli
 NEWMARK = Path(newmark_cli.__file__).parent / "newmark"
 #: The march, and what it is compiled with.
 KERNEL = [NEWMARK / f"{name}.py" for name in ("kernel", "newton", "enforcing", "room")]
-CAR_AXIS = Path(__file__).parents[1] / "docs/examples/car_axis.py"
+EXAMPLES = Path(__file__).parents[1] / "docs/examples"
 
 
 def march(problem, **how):
@@ -21,8 +21,9 @@ def march(problem, **how):
     return newmark_cli.march(problem, h=1e-3, steps=1, **how)
 
 
-#: What is compiled, by the types of the kernel and the functions of a problem; the last is what
-#: compares functions in Python with differences.  About as long for each process.
+#: What is compiled, by the types of the kernel and the functions of a problem: those of
+#: most mechanisms, of one with every element, and what compares functions in Python with
+#: differences.  About as long for each process.
 PARTS = (
     lambda: (
         march("pendulum", formulation="index-2"),
@@ -30,7 +31,8 @@ PARTS = (
     ),
     lambda: (
         march("pendulum").energy,
-        newmark_cli.problem(f"{CAR_AXIS}:car_axis", compiled=False),
+        newmark_cli.problem(EXAMPLES / "shaper.yaml"),
+        newmark_cli.problem(f"{EXAMPLES / 'car_axis.py'}:car_axis", compiled=False),
     ),
 )
 

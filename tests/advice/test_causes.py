@@ -3,6 +3,7 @@
 import itertools
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,7 @@ from judged_tables import (
 from scipy.spatial.transform import Rotation
 
 import newmark_cli as newmark
+from newmark_cli.codes.changes import FittedChange, explained_by
 from newmark_cli.codes.evidence import SeriesErrors
 from newmark_cli.codes.truth import Truth
 
@@ -570,3 +572,13 @@ def test_errors_that_still_fall_are_no_other_solution():
     errors = {0.025: 1.24e-5, 0.0125: 2.05e-7, 0.00625: 4.65e-9, 0.003125: 8.28e-10}
     table = pd.DataFrame({"h": [*errors], "t": 0.4, "u[C.x]": [end + e for e in errors.values()]})
     assert not judged(table, CART).faults
+
+
+@pytest.mark.parametrize(("second", "names"), [(0.7, ["better"]), (0.69, ["better", "other"])])
+def test_a_much_better_explanation_stands_alone(second, names):
+    """Of two that explain the table, by four times what the better leaves, and 0.3."""
+    fits = [
+        FittedChange(worst, 0.0, 0.0, 1.0, SimpleNamespace(name=name, rank=0))
+        for name, worst in (("better", 0.1), ("other", second))
+    ]
+    assert [fit.candidate.name for fit in explained_by(fits)] == names

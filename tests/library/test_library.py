@@ -9,7 +9,6 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-import numba
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,11 +50,6 @@ def double_pendulum(**more):
         ),
         **more,
     )
-
-
-@numba.njit
-def compiled_zeros(u, v, t):
-    return np.zeros((4, 4))
 
 
 DOUBLE = {
