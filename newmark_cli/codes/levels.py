@@ -109,11 +109,7 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
         )
         yield evidence.finding("late", text, misfit=missed, shift=shift, parts=["motions"])
         return
-    worse = [
-        SYMBOLS[part] for part in PARTS
-        if told.integrator and evidence.has[part]
-        and evidence.last(part)[k] > 2 * max(evidence.ours(k, part), evidence.floor(part)[k])
-    ]  # fmt: skip
+    worse = _worse(evidence, k)
     matters = missed > 1e-2 * min(last_u[k], 1e-4) or bool(worse)
     rows = np.abs(misfits[k]).max(axis=1)
     steady = len(rows) > 3 and rows[:2].max() > 0.02 * rows[-3:].max()
@@ -127,7 +123,7 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
         yield evidence.finding("seen", text, matters, misfit=missed)
     elif early:
         more = f", and {', '.join(worse)} at the end are worse than the method's" if worse else ""
-        suffers = matters or evidence.elsewhere("lambda") or any(alternation(evidence))
+        suffers = matters or _worse(evidence, len(value) - 1) or any(alternation(evidence))
         harmless = "" if suffers else "; the results do not suffer"
         text = (
             f"{seen} already after the first steps, where an iteration to the end leaves rounding; "
@@ -141,6 +137,15 @@ def constraints(evidence: SeriesErrors) -> Iterator[Finding]:
             "stabilisation leaves"
         )
         yield evidence.finding("seen", text, strict and matters, misfit=missed)
+
+
+def _worse(evidence: SeriesErrors, k: int) -> list[str]:
+    """What is twice as far off at a step size as a march of the method that is said."""
+    return [
+        SYMBOLS[part] for part in PARTS
+        if evidence.told.integrator and evidence.has[part]
+        and evidence.last(part)[k] > 2 * max(evidence.ours(k, part), evidence.floor(part)[k])
+    ]  # fmt: skip
 
 
 def _driven(evidence: SeriesErrors) -> list[str]:

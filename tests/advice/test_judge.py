@@ -64,6 +64,18 @@ def test_a_fault_of_a_textbook_code_is_named_and_a_sound_one_has_none(subject, f
         assert not found.fails()
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.3])
+def test_an_early_end_of_newton_is_harmless_only_where_multipliers_are_right(factor):
+    problem = newmark.problem(THROWN)
+    sizes, t_end, tolerance, _ = RUNS[THROWN]
+    table = faulty_code.table(problem, sizes, t_end, "tolerance on h² λ", True, tolerance)
+    for name in table.columns[table.columns.str.startswith("lambda")]:
+        table[name] *= factor
+    found = judged(table, problem, [""], integrator="generalized-alpha rho=0.9").findings
+    (early,) = (one for one in found if one.name == "Newton ends early")
+    assert ("do not suffer" in early.text) == (factor == 1)
+
+
 def test_a_drift_is_told():
     problem = newmark.problem(THROWN)
     how = {"formulation": "index-1", "integrator": "bdf2", "every": 200}
