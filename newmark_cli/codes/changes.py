@@ -18,6 +18,7 @@ from newmark_cli.codes.file_numbers import LEFT_OUT, SIZES, FileNumbers, Path, d
 from newmark_cli.codes.further_forces import further_forces, opposite, rates
 from newmark_cli.codes.minimal_coordinates import couplings, terms
 from newmark_cli.codes.truth import EXACT, Force, MassOf, NoMotion, Truth
+from newmark_cli.codes.turning_bodies import Unturned, unturned
 from newmark_cli.support.arrays import Array, IndexArray, Mask
 from newmark_cli.support.errors import InputError
 
@@ -28,6 +29,8 @@ _ALIKE = ("mass", "inertia", "stiffness", "damping", "rest_length")
 _MOMENTS, _PRODUCTS = ("xx", "yy", "zz"), ("xy", "xz", "yz")
 #: Numbers that files have positive only.
 _POSITIVE = ("stiffness", "damping")
+#: Share of an inertia of which M is known to be linear.
+_LITTLE = 1e-3
 #: Shares by which a number is scanned where the error is large: left out and turned come first.
 _SCAN = (-0.5, -0.2, -0.08, 0.08, 0.2, 0.5, 1.0, 3.0, 11.0)
 #: What of a change of h a number may follow that the smallest two step sizes ask for.
@@ -35,6 +38,8 @@ _FOLLOWS = 0.6
 #: Terms of accelerations that codes lack.
 TERMS = {"κ": "κ of Gᵀa + κ = 0 (centrifugal terms)",
          "motions": "the acceleration of the motions"}  # fmt: skip
+#: How near to 1 the share is of what is counted from elsewhere.
+_WHOLE = 1e-2
 #: Ranks of places, of pushes and of terms, and candidates that are fitted to the whole motion.
 _PLACE, _LAST, _TERM, _KEPT = 1, 2, 3, 6
 #: Part of the rows that all candidates are fitted to, and how clear these must be.
@@ -95,6 +100,9 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
     for name, coupling in couplings(problem, moving):
         there = lacking(name, partial(_more_mass, coupling), (-1.0, -2.0))
         yield replace(there, rank=_TERM)
+    for name, at_rest in unturned(problem, file):
+        there = lacking(name, partial(_at_rest, at_rest), (1.0,))
+        yield replace(there, said=partial(_only, name), rank=_TERM, holds=_whole)
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
     driven = file is not None and file.document.get("motions")
     for key, of in {"κ": lambda c: (1 + c, 1.0), "motions": lambda c: (1.0, 1 + c)}.items():
@@ -119,6 +127,19 @@ def _multiple(force: Force, c: float) -> dict[str, Any]:
 def _more_mass(mass: MassOf, c: float) -> dict[str, Any]:
     """A further part of M."""
     return {"mass": lambda t, u: c * mass(t, u)}
+
+
+def _at_rest(of: Unturned, c: float) -> dict[str, Any]:
+    """A share of J in other axes."""
+    return {"mass": lambda t, u: c * of.mass(t, u), "force": lambda t, u, v: c * of.force(t, u, v)}
+
+
+def _only(text: str, c: float) -> str:
+    return text
+
+
+def _whole(c: float) -> bool:
+    return abs(c - 1) < _WHOLE
 
 
 def _less_curved(
@@ -172,7 +193,14 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             less = file.changed(paths, lambda value: _times(value, LEFT_OUT - 1))
             term = difference(file.mechanism, less)
             return Truth(right, end, force=lambda t, u, v: c * term(t, u, v), tolerance=tolerance)
-        other = file.changed(paths, lambda value: change(value, c))
+        try:
+            other = file.changed(paths, lambda value: change(value, c))
+        except InputError:
+            if "inertia" not in paths[0]:
+                raise
+            # Below 0 no file has it, as where a parallel-axis term is missing: M is linear in it.
+            more = file.changed(paths, lambda value: change(value, _LITTLE)).M - file.mechanism.M
+            return Truth(right, end, mass=lambda t, u: c / _LITTLE * more, tolerance=tolerance)
         if np.abs(other.constraint_values(right.t0, right.u0)).max(initial=0.0) > _MISFIT:
             raise NoMotion("the start misses a constraint")
         return Truth(other, end, u0=right.u0, v0=right.v0, force=file.push, tolerance=tolerance)
@@ -218,6 +246,11 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
             yield number([phase], _plus, "", said, (math.pi / 2, math.pi))
     for path in file.loads():
         yield number([path], _scaled)
+    for name, place, point in _on_bodies(file.document):
+        said = partial(_counted, f"bodies.{name}.centre counted", place)
+        counted = number([("bodies", name, "centre")], partial(_further, point), said(1.0), said,
+                         (1.0, -1.0))  # fmt: skip
+        yield replace(counted, rank=_PLACE, holds=lambda c: _whole(abs(c)))
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
             yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())
@@ -225,6 +258,27 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         said = partial("{} {:+.5g} m".format, joined(path))
         turned = (-2 * file.at(path),) if file.at(path) else ()
         yield replace(number([path], _plus, "", said, turned), rank=_PLACE)
+
+
+def _on_bodies(document: Mapping[str, Any]) -> Iterator[tuple[str, str, Sequence[float]]]:
+    """Body in space, place on it, and where that is in its axes (m)."""
+    if document.get("dimensions") != 3:
+        return
+    for name, joint in (document.get("joints") or {}).items():
+        at = joint.get("at")
+        for body in document["bodies"].keys() & (at if isinstance(at, Mapping) else ()):
+            yield body, f"joints.{name}", at[body]
+    for name, point in (document.get("body_points") or {}).items():
+        yield point["on"], f"body_points.{name}", point["at"]
+
+
+def _further(point: Sequence[float], value: Sequence[float] | None, c: float) -> list[float]:
+    """A place, further by c times a vector."""
+    return [x + c * y for x, y in zip(value or [0.0] * len(point), point, strict=True)]
+
+
+def _counted(what: str, place: str, c: float) -> str:
+    return f"{what} from {place}" if c > 0 else f"{what} towards the origin from {place}"
 
 
 def _plus(value: Any, c: float) -> Any:

@@ -22,12 +22,9 @@ from newmark_cli.codes.file_numbers import (
 )
 from newmark_cli.codes.minimal_coordinates import Rate
 from newmark_cli.codes.truth import Force
+from newmark_cli.codes.turning_bodies import gyroscopic
 from newmark_cli.mechanisms.joints import JOINTS
-from newmark_cli.mechanisms.spatial_outputs import (
-    Connection,
-    SpatialOutputs,
-    angular_velocities,
-)
+from newmark_cli.mechanisms.spatial_outputs import Connection, SpatialOutputs
 from newmark_cli.problems.problem import Problem
 from newmark_cli.support.arrays import Array, Mask
 from newmark_cli.support.errors import InputError
@@ -80,7 +77,7 @@ def further_forces(
         speed: Largest of its velocities.
         file: Its file.
     """
-    for name, moment in _gyroscopic(problem, file):
+    for name, moment in gyroscopic(problem, file):
         yield FurtherForce(name, partial(opposite, moment), starts=(-1.0, -2.0))
     size = force / speed
     yield FurtherForce(
@@ -94,6 +91,7 @@ def further_forces(
         yield from _weights(file)
         yield from _interpolated(file)
         yield from _one_sided(problem, file)
+        yield from _along_vectors(problem, file)
     for name, unit, axes, of in _places(problem, file.document if file else {}):
         yield from _pushes(name, unit, axes, of, force, speed)
 
@@ -323,6 +321,45 @@ def _one_sided(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
                                partial(opposite, share))  # fmt: skip
 
 
+def _along_vectors(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:
+    """Dampers against all of the velocity between their ends, springs along no unit vector."""
+
+    def across(damping: float, of: tuple[Array, Array], t: float, u: Array, v: Array) -> Array:
+        line, rate = of[0] @ u + of[1], of[0] @ v
+        along = line * (line @ rate) / (line @ line)
+        return np.asarray(-damping * of[0].T @ (rate - along))
+
+    def stretched(force: Force, of: tuple[Array, Array], t: float, u: Array, v: Array) -> Array:
+        return (float(np.linalg.norm(of[0] @ u + of[1])) - 1) * force(t, u, v)
+
+    for name, item in (file.document.get("dampers") or {}).items():
+        if (line := _line(problem, item)) and isinstance(item["damping"], int | float):
+            text = f"dampers.{name} against all of the velocity between its ends"
+            yield _exactly(text, partial(across, item["damping"], line))
+    for name, item in (file.document.get("springs") or {}).items():
+        if (line := _line(problem, item)) and isinstance(item.get("stiffness"), int | float):
+            path = ("springs", name, "stiffness")
+            whole = difference(file.mechanism, file.changed([path], partial(_instead, LEFT_OUT)))
+            text = f"springs.{name} times the vector between its ends, which is not of length 1"
+            yield _exactly(text, partial(stretched, whole, line))
+
+
+def _line(problem: Problem, item: Mapping[str, Any]) -> tuple[Array, Array] | None:
+    """(d, n) and (d,) of the vector from an end to the other; None of ends unlike points."""
+    width, found = len(problem.axes), []
+    for end in (item.get("from"), item.get("to")):
+        weights, offset = np.zeros((width, problem.n)), np.zeros(width)
+        if place := problem.places.get(str(end)):
+            weights[:, place.coordinates], offset = place.weights, place.offset
+        elif end in problem.points:
+            weights[:, width * problem.points.index(end) :][:, :width] = np.eye(width)
+        else:
+            return None
+        found.append((weights, offset))
+    (one, at), (other, to) = found
+    return other - one, to - at
+
+
 def _owned(problem: Problem, document: Mapping[str, Any], ends: Sequence[Any]) -> dict[str, Mask]:
     """Body in space, or point in the plane → which coordinates it has."""
     names = problem.coordinate_names
@@ -462,45 +499,3 @@ def _frames(
             ends = _ends(document, places, item)
             if ends and (name == on or at in (item.get("from"), item.get("to"))):
                 yield name, partial(along, ends)
-
-
-# -- ω × J ω ----------------------------------------------------------------------------------
-
-
-def _gyroscopic(problem: Problem, file: FileNumbers | None) -> Iterator[tuple[str, Force]]:
-    """ω × J ω, with J about centres of mass, or about the point that holds a single body."""
-    outputs = problem.outputs
-    if not isinstance(outputs, SpatialOutputs) or not 0 < problem.n == 12 * len(outputs.bodies):
-        return
-    tensors, name = _tensors(problem, None), "the gyroscopic moment ω × J ω"
-    yield name, partial(_moment, tensors)
-    joints = [*((file.document.get("joints") or {}).values() if file else ())]
-    if len(outputs.bodies) == len(joints) == 1 and isinstance(joints[0].get("at"), list):
-        yield f"{name} about the joint", partial(_moment, _tensors(problem, joints[0]["at"]))
-    for k, body in enumerate(outputs.bodies if len(tensors) > 1 else ()):
-        only = np.where(np.arange(len(tensors)) == k, tensors.T, 0.0).T
-        yield f"{name} of {body}", partial(_moment, only)
-
-
-def _tensors(problem: Problem, point: Sequence[float] | None) -> Array:
-    """(bodies, 3, 3) J in axes of the bodies, about their centres or about a point at the start."""
-    bodies = problem.n // 12
-    blocks = np.asarray(problem.M)[::3, ::3].reshape(bodies, 4, bodies, 4)
-    tensors = []
-    for k, body in enumerate(problem.u0.reshape(-1, 4, 3)):
-        block = blocks[k, :, k, :]  # ∫ (1, x) (1, x)ᵀ dm
-        about = block[0, 1:] / block[0, 0] if point is None else body[1:] @ (point - body[0])
-        shift = np.vstack([-about, np.eye(3)])
-        euler = shift.T @ block @ shift
-        tensors.append(np.trace(euler) * np.eye(3) - euler)
-    return np.array(tensors)
-
-
-def _moment(tensors: Array, t: float, u: Array, v: Array) -> Array:
-    """(n,) the moments ω × J ω as forces on directors: half of moment × director on each."""
-    axes, rates = u.reshape(-1, 4, 3)[:, 1:], v.reshape(-1, 4, 3)[:, 1:]
-    pushed = np.zeros((len(tensors), 4, 3))
-    for k, omega in enumerate(angular_velocities(axes, rates)):
-        moment = np.cross(omega, (tensors[k] @ (axes[k] @ omega)) @ axes[k])
-        pushed[k, 1:] = np.cross(moment, axes[k]) / 2
-    return pushed.ravel()

@@ -12,12 +12,22 @@ from newmark_cli.codes.file_numbers import file_of
 from newmark_cli.codes.further_forces import further_forces, rates
 from newmark_cli.codes.minimal_coordinates import couplings, terms
 
-PUSHED = {**CART, "forces": {"push": {"at": "P", "force": [2, 1]}}}
+PUSHED = {
+    **CART,
+    "forces": {"push": {"at": "P", "force": [2, 1]}},
+    "dampers": {"oil": {"from": "W", "to": "P", "damping": 0.7}},
+}
 
 
 def push_along_the_rod(t, u, v):
     x, y = (u[2:] - u[:2]) / 0.5
     return np.array([0, 0, 2 * x - y - 2, 2 * y + x - 1])
+
+
+def against_all_of_a_velocity(t, u, v):
+    """Besides what is along the line from W to P."""
+    line = np.array([u[2] + 1, u[3]]) / np.hypot(u[2] + 1, u[3])
+    return -0.7 * np.array([0, 0, *(v[2:] - line * (line @ v[2:]))])
 
 
 @pytest.mark.parametrize(
@@ -30,10 +40,14 @@ def push_along_the_rod(t, u, v):
         (lambda t, u, v: np.array([0, 0, 0, 0.6 * 9.81]), ["weight", "mass"],
          "the weight of points.P left out"),
         (push_along_the_rod, ["push", "mass"], "forces.push in axes of rod: this alone"),
+        (against_all_of_a_velocity, ["push", "damp", "oil"],
+         "dampers.oil against all of the velocity between its ends: this alone"),
+        (lambda t, u, v: np.array([-30 * (u[0] + 0.2) * u[0], 0, 0, 0]), ["springs", "stiffness"],
+         "springs.coil times the vector between its ends, which is not of length 1: this alone"),
     ],
 )  # fmt: skip
 def test_a_further_force_and_other_axes_of_one_are_told(force, among, said):
-    mechanism = PUSHED if "push" in said else CART
+    mechanism = PUSHED if "push" in among else CART
     (fault,) = judged(of_motion(mechanism, force), mechanism, among).faults
     assert said in fault.text
 
@@ -127,14 +141,45 @@ def test_viscous_friction_of_a_body_is_told():
     assert "viscous friction of rod, 0.05 N m s/rad" in fault.text
 
 
-def top_without_gyroscopic_moment(J, mass, centre, omega, t):
+def test_a_centre_that_is_counted_from_a_joint_is_told():
+    place = [0.1, 0.05, 0]
+    ball = {**SPUN["joints"]["ball"], "at": {"ground": place, "rod": place}}
+    mine, other = (
+        {**of_rod(velocity=[0.025, -0.05, 0.15], centre=centre), "joints": {"ball": ball}}
+        for centre in ([0.2, 0, 0.02], [0.3, 0.05, 0.02])
+    )
+    (fault,) = judged(of_motion(other), mine, ["centre", "gravity"]).faults
+    assert "bodies.rod.centre counted from joints.ball: this alone" in fault.text
+
+
+def test_a_parallel_axis_term_that_leaves_less_than_no_inertia_is_told():
+    """θ'' = −m g c cos θ / J, where J lacks m c²."""
+    crank = {"from": "O", "to": "A", "mass": 1.0, "length": 0.3, "centre": [0.1, 0],
+             "inertia": 0.004}  # fmt: skip
+    file = {"points": {"O": {"fixed": [0, 0]}, "A": {"at": [0.3, 0]}}, "bodies": {"crank": crank},
+            "gravity": [0, -9.81]}  # fmt: skip
+    t = np.linspace(0, 0.4, 9)
+    solved = solve_ivp(lambda _, y: [y[1], -0.981 * np.cos(y[0]) / 0.004], (0, 0.4), [0.0, 0.0],
+                       "DOP853", rtol=1e-12, atol=1e-12, t_eval=t)  # fmt: skip
+    (angle, rate), names = solved.y, ("A.x", "A.y")
+    parts = {"u": (np.cos(angle), np.sin(angle)),
+             "v": (-rate * np.sin(angle), rate * np.cos(angle))}  # fmt: skip
+    columns = {f"{part}[{name}]": 0.3 * of for part, both in parts.items()
+               for name, of in zip(names, both, strict=True)}  # fmt: skip
+    table = pd.concat([pd.DataFrame({"t": t, "h": h, **columns}) for h in (0.01, 0.005, 0.0025)])
+    (fault,) = judged(table, file, ["inertia"]).faults
+    assert "bodies.crank.inertia with -1 times its parallel-axis term besides" in fault.text
+
+
+def top_of_few_terms(J, mass, centre, omega, t, turns):
     """Directors and their rates, (k, 9) each: J ω' = r × m g about the joint, by Runge–Kutta."""
 
     def rate(_, y):
         axes, turn = y[:9].reshape(3, 3), y[9:]
         moment = np.cross(centre @ axes, [0, 0, -9.81 * mass])
+        there = axes if turns else np.eye(3)
         return np.concatenate(
-            [np.cross(turn, axes).ravel(), np.linalg.solve(J, axes @ moment) @ axes]
+            [np.cross(turn, axes).ravel(), np.linalg.solve(J, there @ moment) @ there]
         )
 
     start = np.concatenate([np.eye(3).ravel(), omega])
@@ -144,20 +189,29 @@ def top_without_gyroscopic_moment(J, mass, centre, omega, t):
     )
 
 
-def test_a_gyroscopic_moment_left_out_is_named():
-    """Of a top in Euler's equations about its joint."""
-    body = BENCH.MECHANISMS["gyro"]["bodies"]["rotor"]
+@pytest.mark.parametrize(("turns", "said"), [
+    (True, "the gyroscopic moment ω × J ω about the joint left out: this alone"),
+    (False, "J about the joint that does not turn with the bodies, as at the start, without ω × J "
+     "ω: this alone"),
+])  # fmt: skip
+def test_terms_of_eulers_equations_left_out_are_named(turns, said):
+    """Of a top about its joint, whose place is given on the body, too."""
+    mechanism = BENCH.MECHANISMS["gyro"]
+    ((ball, joint),) = mechanism["joints"].items()
+    at = {"ground": joint["at"], "rotor": [0, 0, 0]}
+    mechanism = {**mechanism, "joints": {ball: {**joint, "at": joint["at"] if turns else at}}}
+    body = mechanism["bodies"]["rotor"]
     mass, centre = body["mass"], np.array(body["centre"])
     J = np.diag(body["inertia"]) + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     t = np.array([0, 0.1, 0.2, 0.3])
-    axes, rates = top_without_gyroscopic_moment(J, mass, centre, body["angular_velocity"], t)
+    axes, rates = top_of_few_terms(J, mass, centre, body["angular_velocity"], t, turns)
     rows = [[h, t[k], *axes[k], *rates[k]] for h in (0.01, 0.005, 0.0025) for k in range(4)]
     names = [f"rotor.d{i}.{x}" for i in (1, 2, 3) for x in "xyz"]
     table = pd.DataFrame(rows, columns=["h", "t", *(f"{p}[{x}]" for p in "uv" for x in names)])
     for name in (f"{part}[rotor.origin.{x}]" for part in "uv" for x in "xyz"):
         table[name] = 0.0
-    (fault,) = judged(table, BENCH.MECHANISMS["gyro"], ["gyroscopic", "inertia"]).faults
-    assert "the gyroscopic moment ω × J ω about the joint left out: this alone" in fault.text
+    (fault,) = judged(table, mechanism, ["gyroscopic", "inertia", "J about"]).faults
+    assert said in fault.text
 
 
 def projected(document, h, t_end, lacks):
