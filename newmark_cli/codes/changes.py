@@ -15,7 +15,7 @@ import numpy as np
 
 from newmark_cli.codes.evidence import PARTS, SYMBOLS, SeriesErrors, WeightedRows
 from newmark_cli.codes.file_numbers import LEFT_OUT, SIZES, FileNumbers, Path, difference, joined
-from newmark_cli.codes.further_forces import further_forces, opposite, rates
+from newmark_cli.codes.further_forces import further_forces, is_whole, opposite, rates
 from newmark_cli.codes.minimal_coordinates import couplings, terms
 from newmark_cli.codes.truth import EXACT, Force, MassOf, NoMotion, Truth
 from newmark_cli.codes.turning_bodies import Unturned, unturned
@@ -38,8 +38,6 @@ _FOLLOWS = 0.6
 #: Terms of accelerations that codes lack.
 TERMS = {"κ": "κ of Gᵀa + κ = 0 (centrifugal terms)",
          "motions": "the acceleration of the motions"}  # fmt: skip
-#: How near to 1 the share is of what is counted from elsewhere.
-_WHOLE = 1e-2
 #: Ranks of places, of pushes and of terms, and candidates that are fitted to the whole motion.
 _PLACE, _LAST, _TERM, _KEPT = 1, 2, 3, 6
 #: Part of the rows that all candidates are fitted to, and how clear these must be.
@@ -102,7 +100,7 @@ def candidates(evidence: SeriesErrors, file: FileNumbers | None) -> Iterator[Can
         yield replace(there, rank=_TERM)
     for name, at_rest in unturned(problem, file):
         there = lacking(name, partial(_at_rest, at_rest), (1.0,))
-        yield replace(there, said=partial(_only, name), rank=_TERM, holds=_whole)
+        yield replace(there, said=partial(_only, name), rank=_TERM, holds=is_whole)
     right = not any(evidence.elsewhere(part) for part in ("u", "v"))
     driven = file is not None and file.document.get("motions")
     for key, of in {"κ": lambda c: (1 + c, 1.0), "motions": lambda c: (1.0, 1 + c)}.items():
@@ -136,10 +134,6 @@ def _at_rest(of: Unturned, c: float) -> dict[str, Any]:
 
 def _only(text: str, c: float) -> str:
     return text
-
-
-def _whole(c: float) -> bool:
-    return abs(c - 1) < _WHOLE
 
 
 def _less_curved(
@@ -200,7 +194,8 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
                 raise
             # Below 0 no file has it, as where a parallel-axis term is missing: M is linear in it.
             more = file.changed(paths, lambda value: change(value, _LITTLE)).M - file.mechanism.M
-            return Truth(right, end, mass=lambda t, u: c / _LITTLE * more, tolerance=tolerance)
+            more *= c / _LITTLE
+            return Truth(right, end, mass=lambda t, u: more, tolerance=tolerance)
         if np.abs(other.constraint_values(right.t0, right.u0)).max(initial=0.0) > _MISFIT:
             raise NoMotion("the start misses a constraint")
         return Truth(other, end, u0=right.u0, v0=right.v0, force=file.push, tolerance=tolerance)
@@ -250,7 +245,7 @@ def _of_file(evidence: SeriesErrors, file: FileNumbers) -> Iterator[Candidate]:
         said = partial(_counted, f"bodies.{name}.centre counted", place)
         counted = number([("bodies", name, "centre")], partial(_further, point), said(1.0), said,
                          (1.0, -1.0))  # fmt: skip
-        yield replace(counted, rank=_PLACE, holds=lambda c: _whole(abs(c)))
+        yield replace(counted, rank=_PLACE, holds=lambda c: is_whole(abs(c)))
     for key in _ALIKE:
         if len(paths := alike.get(key, [])) > 1:
             yield number(paths, name=f"every {key}", starts=(-1.0,) if key == "damping" else ())

@@ -22,7 +22,7 @@ from newmark_cli.codes.file_numbers import (
 )
 from newmark_cli.codes.minimal_coordinates import Rate
 from newmark_cli.codes.truth import Force
-from newmark_cli.codes.turning_bodies import gyroscopic
+from newmark_cli.codes.turning_bodies import gyroscopic, moments
 from newmark_cli.mechanisms.joints import JOINTS
 from newmark_cli.mechanisms.spatial_outputs import Connection, SpatialOutputs
 from newmark_cli.problems.problem import Problem
@@ -140,6 +140,11 @@ def _sized(what: str, size: float, unit: str) -> Callable[[float], str]:
     return lambda c: f"{what}, {c * size:.4g} {unit}"
 
 
+def is_whole(c: float) -> bool:
+    """Whether a multiple is 1, as that of what is taken otherwise or not."""
+    return abs(c - 1) < _WHOLE
+
+
 def _positive(c: float) -> bool:
     return c > 0
 
@@ -179,10 +184,9 @@ def _turns_in_space(problem: Problem) -> dict[str, _Directions]:
     assert isinstance(problem.outputs, SpatialOutputs)
 
     def turn(k: int, u: Array) -> Array:
-        directions = np.zeros((len(u) // 12, 4, 3, 3))
-        directors = u.reshape(-1, 4, 3)[k, 1:]
-        directions[k, 1:] = np.cross(np.eye(3)[None], directors[:, None]).swapaxes(1, 2) / 2
-        return directions.reshape(len(u), 3)
+        directions = np.zeros((len(u), 3))
+        directions[12 * k : 12 * k + 12] = moments(u.reshape(-1, 4, 3)[k, 1:])
+        return directions
 
     return {name: partial(turn, k) for k, name in enumerate(problem.outputs.bodies)}
 
@@ -440,7 +444,7 @@ def _tabulated(document: Mapping[str, Any]) -> Iterator[tuple[tuple[Any, ...], M
 
 def _exactly(text: str, of: Force) -> FurtherForce:
     """A change that a code has or has not."""
-    return FurtherForce(text, of, lambda c: text, (1.0,), lambda c: abs(c - 1) < _WHOLE, last=True)
+    return FurtherForce(text, of, lambda c: text, (1.0,), is_whole, last=True)
 
 
 def _in_other_axes(problem: Problem, file: FileNumbers) -> Iterator[FurtherForce]:

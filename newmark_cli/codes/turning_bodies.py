@@ -58,9 +58,7 @@ class Unturned:
         more = self.at_rest - axes.swapaxes(1, 2) @ self.tensors @ axes
         matrix = np.zeros((len(u), len(u)))
         for k, of in enumerate(axes):
-            pushed = np.zeros((4, 3, 3))
-            pushed[1:] = np.cross(np.eye(3)[None], of[:, None]).swapaxes(1, 2) / 2
-            turned = pushed.reshape(12, 3)
+            turned = moments(of)
             matrix[12 * k : 12 * k + 12, 12 * k : 12 * k + 12] = turned @ more[k] @ turned.T
         return matrix
 
@@ -71,6 +69,13 @@ class Unturned:
             return right
         axes = u.reshape(-1, 4, 3)[:, 1:]
         return right - _moment(axes @ self.at_rest @ axes.swapaxes(1, 2), t, u, v)
+
+
+def moments(axes: Array) -> Array:
+    """(12, 3) forces on a body's origin and directors (3, 3) that are a moment about each axis."""
+    pushed = np.zeros((4, 3, 3))
+    pushed[1:] = np.cross(np.eye(3)[None], axes[:, None]).swapaxes(1, 2) / 2
+    return pushed.reshape(12, 3)
 
 
 def _bodies(problem: Problem) -> Sequence[str]:
